@@ -40,9 +40,9 @@ from simgrab.lab.rivals.camera import conclude, kawai, matsuo, optical_flow, tar
 from simgrab.lab.rivals.contract import Sensors, Series
 from simgrab.lab.rivals.inertial import INERTIAL
 from simgrab.lab.rivals.lidar import Scans, lidar
-from simgrab.lab.rivals.marks import FINDERS, Fiducial, Layer, Layered, level_layers
+from simgrab.lab.rivals.marks import FINDERS, Fiducial, Layered, RestMark, level_layers
 from simgrab.lab.rivals.ropes import okubanjo
-from simgrab.lab.rivals.side import View, read_view
+from simgrab.lab.rivals.side import SideView, read_view
 from simgrab.lab.rivals.tracking import template
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, rotation_y
@@ -178,7 +178,7 @@ def _by_marks(condition: str, clip: int, rope: Series, count: int) -> dict[str, 
     found = {}
     for name, find in FINDERS.items():
         seen = [(length, find(picture)) for length, picture in rest]
-        measured = [Layer(length, mark) for length, mark in seen if mark is not None]
+        measured = [RestMark(length, mark) for length, mark in seen if mark is not None]
         assumed = level_layers(camera, np.array(PLACES_M[name]), SIDES_M[name], [length for length, _ in rest])
         for suffix, layers in (("", assumed), ("-layers", measured)):
             method = Layered(name, find, layers, SIDES_M[name], UP_M, rope) if layers else None
@@ -249,7 +249,7 @@ def _from_the_side(condition: str, clip: int, rope: Series, time: Array) -> dict
     return {name: swing.alpha for name, swing in found.items()}
 
 
-def _leaning(view: View) -> View:
+def _leaning(view: SideView) -> SideView:
     """Calibrate a camera as on a level crane where the whole crane leans: the frame leans about O with all in it."""
     lean = rotation_y(CRANE_LEAN)
     return replace(view, rotation=lean @ view.rotation, centre=lean @ view.centre)

@@ -24,7 +24,7 @@ from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
 from simgrab.judge.check import baseline, cache, gate, golden, report, suite, trial
-from simgrab.judge.check.gate import Options
+from simgrab.judge.check.gate import CheckOptions
 
 # Limits so wide that only the baseline can tell.
 SUITE = {
@@ -77,7 +77,7 @@ def place(tmp_path_factory):
 
 def options(folder, make, **changes):
     made = make(folder / "cache") if make in (sound, *FAULTS.values()) else make
-    return Options(**{"instrument": made, "baseline": folder / "baselines", "cache": folder / "cache"} | changes)
+    return CheckOptions(**{"instrument": made, "baseline": folder / "baselines", "cache": folder / "cache"} | changes)
 
 
 def check(folder, make=sound, small=None, **changes):

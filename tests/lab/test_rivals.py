@@ -18,7 +18,7 @@ from simgrab.instrument.observation import Observation
 from simgrab.lab.rivals.camera import CAMERA, Tracked, conclude, kawai, target_angles
 from simgrab.lab.rivals.contract import Sensors, Series, Swing, read_series
 from simgrab.lab.rivals.inertial import INERTIAL, MOUNT
-from simgrab.lab.rivals.kalman import Model, kalman
+from simgrab.lab.rivals.kalman import LinearModel, kalman
 from simgrab.lab.rivals.lidar import Scans, clusters, lidar, read_scans
 from simgrab.lab.rivals.marks import TAGS, Fiducial, Layered, Mark, circles, level_layers, target
 from simgrab.lab.rivals.tracking import flow, template
@@ -201,7 +201,7 @@ def test_the_filter_ends_where_the_whole_chain_does():
     n, step, reading = 12, np.array([[1.0, 0.1], [-0.3, 0.95]]), np.array([[1.0, 0.5], [0.0, 1.0]])
     readings, drive = rng.normal(size=(n, 2)), rng.normal(size=(n, 2))
     readings[3, 0] = readings[7] = np.nan
-    model = Model(
+    model = LinearModel(
         np.array([2.0, 3.0]), np.tile(step, (n, 1, 1)), np.full((n, 2), 0.04), reading, np.array([0.5, 0.7]),
         np.array([0.3, -0.2]), drive, np.full((n, 2), 0.1),
     )  # fmt: skip

@@ -13,7 +13,7 @@ from simgrab.lab.rivals import ropes
 from simgrab.lab.rivals.balls import balls, meet, tysse
 from simgrab.lab.rivals.contract import Series
 from simgrab.lab.rivals.ropes import okubanjo, rope_lines, rope_plane
-from simgrab.lab.rivals.side import View, read_view
+from simgrab.lab.rivals.side import SideView, read_view
 from simgrab.model.geometry import STANDARD_GRAVITY, rotation_y
 
 SIZE, FOCAL = (360, 640), 600.0
@@ -30,7 +30,7 @@ def camera(name, azimuth, centre):
     turn = np.radians(azimuth)
     cos, sin = np.cos(turn), np.sin(turn)
     rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]) @ LEVEL
-    return View(name, rotation, np.array(centre, float), FOCAL, (SIZE[0] / 2, SIZE[1] / 2), [])
+    return SideView(name, rotation, np.array(centre, float), FOCAL, (SIZE[0] / 2, SIZE[1] / 2), [])
 
 
 def project(view, points):
@@ -163,7 +163,7 @@ def test_balls_are_found_to_parts_of_a_pixel_and_meet_in_their_place():
 
 def test_a_camera_that_looks_down_is_refused():
     with pytest.raises(RecordError, match="steeply"):
-        okubanjo([View("top", np.diag([1.0, -1.0, -1.0]), np.zeros(3), FOCAL, (180, 320), [])], ROPE, TIME)
+        okubanjo([SideView("top", np.diag([1.0, -1.0, -1.0]), np.zeros(3), FOCAL, (180, 320), [])], ROPE, TIME)
     with pytest.raises(RecordError, match="is needed"):
         okubanjo([], ROPE, TIME)
 

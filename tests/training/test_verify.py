@@ -22,7 +22,7 @@ from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.geometry import to_camera  # noqa: E402
 from simgrab.training.detector import cache, export, refine, settings, verify  # noqa: E402
-from simgrab.training.detector.augment import Turn  # noqa: E402
+from simgrab.training.detector.augment import Orientation  # noqa: E402
 from simgrab.training.detector.nets import Refine, Verify  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 
@@ -168,7 +168,7 @@ def test_the_ropes_direction_turns_with_the_crop(dataset, tmp_path, monkeypatch,
     frames = cache.frames([datasets.read(dataset)], "train")
     crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
     example = next(one for one in verify._listed([crops]) if one.there and verify._ropes(one).any())
-    laid = Turn(mirror, quarters)
+    laid = Orientation(mirror, quarters)
     monkeypatch.setattr(verify, "turn", lambda *_, **__: laid)
     x, y = verify._ropes(example)
     turned = verify._learned(example, np.random.default_rng(0), lambda picture, _rng: picture)["ropes"]

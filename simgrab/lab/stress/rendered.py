@@ -21,7 +21,7 @@ from simgrab.lab.stress import estimators, study, swings
 from simgrab.lab.stress.axes import Value
 from simgrab.lab.stress.records import PROBE_ALPHA, PROBES, Picture, Records
 from simgrab.lab.stress.study import BASE, Study
-from simgrab.lab.stress.swings import Draws, Motion
+from simgrab.lab.stress.swings import Draws, ReplicatedMotion
 from simgrab.model import label_arrays as arrays
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, camera_rotation, grab_centre, to_camera
@@ -202,7 +202,7 @@ def _records(scenario: Scenario, seed: int, trials: Sequence[int], watched: Sequ
         if isinstance(swing, Iid)
         else np.sqrt(np.mean(alpha**2, axis=-1))
     )
-    motion = Motion(alpha, azimuth, rope, truth[:, 3:], sigma)
+    motion = ReplicatedMotion(alpha, azimuth, rope, truth[:, 3:], sigma)
     ring = swings.ring(Draws(seed, trials, PROBES), motion, PROBE_ALPHA, math.radians(camera.tilt_azimuth_deg))
     assert ring.tilt is not None
     centre = to_camera(

@@ -30,7 +30,7 @@ DETECTORS = tuple(sorted(SHIPPED, reverse=True))
 _KEPT = 2  # records: those of both sides
 
 
-class Pictures(Protocol):
+class PictureSource(Protocol):
     """Gives the file of a scene's frame, at full size."""
 
     def __call__(self, frame: int) -> Future[bytes]:
@@ -53,7 +53,7 @@ class Measuring:
         self._records: list[_Record] = []
         self._turn = threading.Lock()
 
-    def measure(self, scenario: Scenario, frame: int, detector: str, rendered: Pictures) -> dict[str, Any]:
+    def measure(self, scenario: Scenario, frame: int, detector: str, rendered: PictureSource) -> dict[str, Any]:
         """Measure a frame; where that was done already, measure one more of its record.
 
         Parameters
@@ -62,7 +62,7 @@ class Measuring:
         frame : int
         detector : str
             One of `DETECTORS`.
-        rendered : Pictures
+        rendered : PictureSource
 
         Returns
         -------

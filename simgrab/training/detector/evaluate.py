@@ -29,10 +29,10 @@ _FEWEST_EMPTY = 50  # frames without a grab from which on a threshold below the 
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class DetectedFrame:
     """A frame and what was detected in it."""
 
-    frame: cache.Frame
+    frame: cache.TrainingFrame
     detection: Detection
 
     @property
@@ -58,19 +58,19 @@ class Seen:
 
 
 def watch(
-    detector: Callable[[Any], Detection], frames: Sequence[cache.Frame], progress: cache.Progress | None = None
-) -> list[Seen]:
+    detector: Callable[[Any], Detection], frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
+) -> list[DetectedFrame]:
     """Run a detector on frames."""
     seen = []
     for frame in frames:
-        seen.append(Seen(frame, detector(frame.picture())))
+        seen.append(DetectedFrame(frame, detector(frame.picture())))
         if progress:
             progress(len(seen), len(frames))
     return seen
 
 
 def calibrated(
-    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = (), before: float = 0.0
+    looks: Bundled, seen: Sequence[DetectedFrame], real: Sequence[DetectedFrame] = (), before: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
 
@@ -78,7 +78,7 @@ def calibrated(
     ----------
     looks : Bundled
         Whose other settings are kept.
-    seen, real : sequence of Seen
+    seen, real : sequence of DetectedFrame
         Of rendered frames, and of real ones.
     before : float
         Presence threshold of the detector that this one began with. It becomes no lower unless enough of the frames
@@ -100,7 +100,7 @@ def calibrated(
     return {"settings": settings, "trust": as_dict(factors)}, metrics(drawn_in(seen, factors.outward))
 
 
-def least_presence(seen: Sequence[Seen]) -> float:
+def least_presence(seen: Sequence[DetectedFrame]) -> float:
     """Choose the least presence at which a candidate is taken for the grab.
 
     A false box counts as three missed grabs. Of the thresholds with the fewest weighted errors, this is the point nine
@@ -109,7 +109,7 @@ def least_presence(seen: Sequence[Seen]) -> float:
 
     Parameters
     ----------
-    seen : sequence of Seen
+    seen : sequence of DetectedFrame
         By a detector that takes every presence for enough; hits and empty frames count.
     """
     positive = [one for one in seen if one.detection.found and (one.hit or not one.frame.labelled)]
@@ -124,24 +124,24 @@ def least_presence(seen: Sequence[Seen]) -> float:
     return float(np.clip(expit(places[widths.argmax()]), *_BOUNDS))
 
 
-def by(presence: float, seen: Sequence[Seen]) -> list[Seen]:
+def by(presence: float, seen: Sequence[DetectedFrame]) -> list[DetectedFrame]:
     """Apply a presence threshold to detections."""
     nothing = "it looks like something else"
     return [
         one if not one.detection.found or one.detection.score >= presence
-        else Seen(one.frame, Detection("none", nothing, one.detection.score))
+        else DetectedFrame(one.frame, Detection("none", nothing, one.detection.score))
         for one in seen
     ]  # fmt: skip
 
 
-def trust(seen: Sequence[Seen]) -> Trust:
+def trust(seen: Sequence[DetectedFrame]) -> Trust:
     """Measure the centre errors, and the factors by which ±1.96 deviations then cover 95 % of them."""
     far = outward(seen)
     ratios = errors_over_sd(drawn_in(seen, far))
     return Trust(outward=far, **{name: _factor(some) for name, some in ratios.items()})
 
 
-def outward(seen: Sequence[Seen]) -> float:
+def outward(seen: Sequence[DetectedFrame]) -> float:
     """Fit `Trust.outward` to the centres of hits, the surest counting most; 0 where there are few."""
     parts = []
     for one in seen:
@@ -153,7 +153,7 @@ def outward(seen: Sequence[Seen]) -> float:
     return float(sums[:, 0].sum() / sums[:, 1].sum()) if len(sums) >= _FEWEST else 0.0
 
 
-def drawn_in(seen: Sequence[Seen], far: float) -> list[Seen]:
+def drawn_in(seen: Sequence[DetectedFrame], far: float) -> list[DetectedFrame]:
     """Return the detections with centres moved inwards by `Trust.outward`."""
     return [
         one if one.detection.centre is None
@@ -162,7 +162,7 @@ def drawn_in(seen: Sequence[Seen], far: float) -> list[Seen]:
     ]  # fmt: skip
 
 
-def errors_over_sd(seen: Sequence[Seen]) -> dict[str, Array]:
+def errors_over_sd(seen: Sequence[DetectedFrame]) -> dict[str, Array]:
     """Errors of found grabs over their stated deviations: of box edges, centre coordinates and yaw."""
     ratios: dict[str, list[Array]] = {"box": [], "centre": [], "yaw": []}
     for one in seen:
@@ -183,7 +183,7 @@ def _factor(ratios: Array) -> float:
     return float(np.quantile(finite, LEVEL) / _NORMAL)
 
 
-def metrics(seen: Sequence[Seen]) -> dict[str, Any]:
+def metrics(seen: Sequence[DetectedFrame]) -> dict[str, Any]:
     """Figures of a model card: overall, and by weather."""
     weathers = sorted({one.frame.weather for one in seen})
     return _figures(seen) | {
@@ -191,7 +191,7 @@ def metrics(seen: Sequence[Seen]) -> dict[str, Any]:
     }
 
 
-def _figures(seen: Sequence[Seen]) -> dict[str, Any]:
+def _figures(seen: Sequence[DetectedFrame]) -> dict[str, Any]:
     there = [one for one in seen if one.frame.labelled]
     empty = [one for one in seen if not one.frame.labelled]
     hits = [one for one in there if one.hit]

@@ -50,7 +50,7 @@ class Real:
     score: Score
     summary: tuple[str, ...] = ()
 
-    def repeated(self, rendered: int) -> list[cache.Frame]:
+    def repeated(self, rendered: int) -> list[cache.TrainingFrame]:
         """Give frames to learn from, each as often as makes them `SHARE` of all, beside so many rendered ones."""
         return [*self.train] * self._times(rendered)
 

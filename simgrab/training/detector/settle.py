@@ -56,7 +56,7 @@ class _Example(refine.Example):
     said: Level
 
 
-class Settling(CropTask[_Example]):
+class PoseTask(CropTask[_Example]):
     """Settle's task (`simgrab.training.loop.Task`).
 
     Parameters

@@ -16,7 +16,7 @@ from simgrab.world.trajectory.display import Shown, shown
 from simgrab.world.trajectory.linked import LinkedPlant
 from simgrab.world.trajectory.moment import JibState, Moment
 from simgrab.world.trajectory.mount import Mount, tilted
-from simgrab.world.trajectory.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
+from simgrab.world.trajectory.noise import BLOCK, ShapingFilter, low_pass, narrow_band, noise, von_karman
 from simgrab.world.trajectory.one_body import OneBodyPlant
 from simgrab.world.trajectory.plant import MOST_STEP_S, Drive, Plant, turned
 from simgrab.world.trajectory.work import Course, Work
@@ -180,7 +180,7 @@ class ClipMotion:
         shape = narrow_band(vibration.frequency_hz, vibration.damping)
         return self.noise(shape, math.radians(vibration.rms_deg), "vibration")
 
-    def noise(self, shape: Shape | None, rms: float, name: str) -> Iterator[Array]:
+    def noise(self, shape: ShapingFilter | None, rms: float, name: str) -> Iterator[Array]:
         """Blocks (BLOCK, 2) of two independent components, each of this rms."""
         if not shape or not rms:
             return itertools.repeat(np.zeros((BLOCK, 2)))

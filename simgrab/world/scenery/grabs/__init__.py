@@ -9,7 +9,7 @@ import msgspec
 
 from simgrab.errors import ScenarioError
 from simgrab.model.scenario import Grab
-from simgrab.model.scenario.grab import Looks
+from simgrab.model.scenario.grab import GrabAppearance
 from simgrab.runtime import modules
 from simgrab.world.scenery.grabs.design import Design
 
@@ -24,7 +24,7 @@ FAMILIES = {
     "mesh": ("simgrab.world.scenery.grabs.from_file", "from_file"),
 }
 
-_ANY = Looks()
+_ANY = GrabAppearance()
 
 
 def design_of(grab: Grab) -> Design:
@@ -35,7 +35,7 @@ def design_of(grab: Grab) -> Design:
     ScenarioError
         If the family's module is not installed, or a user's own grab cannot be read.
     """
-    looks = {name: getattr(_ANY, name) for name in Looks.__struct_fields__}
+    looks = {name: getattr(_ANY, name) for name in GrabAppearance.__struct_fields__}
     return _design(msgspec.structs.replace(grab, **looks))
 
 

@@ -16,7 +16,14 @@ from simgrab.io import models
 from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
+from simgrab.world.scenery.grabs.formats.contents import (
+    Contents,
+    Faces,
+    FileMaterial,
+    Shape,
+    mean_of_corners,
+    stated_unit,
+)
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _FREE_FORM = {"vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp",
@@ -87,7 +94,7 @@ class _Text:
 class _Look:
     """A material of a library, and what of it is not shown."""
 
-    surface: Surface = field(default_factory=Surface)
+    surface: FileMaterial = field(default_factory=FileMaterial)
     offset: tuple[float, float] = (0.0, 0.0)
     scale: tuple[float, float] = (1.0, 1.0)
     doubts: list[str] = field(default_factory=list)
@@ -272,7 +279,7 @@ def _look(model: ModelFile, file: str, lines: dict[str, tuple[str, str]]) -> _Lo
         kd = " ".join(f"{level:.3g}" for level in rgb)
         doubts.append(f"its texture is darkened by Kd {kd}, as the format says: set Kd 1 1 1 if it is too dark.")
     unread = {word for key, (word, _) in lines.items() if key in _PLAIN_MAPS}
-    return _Look(Surface(rgb, texture), offset, scale, doubts, unread)
+    return _Look(FileMaterial(rgb, texture), offset, scale, doubts, unread)
 
 
 def _number(word: str) -> float | None:

@@ -15,7 +15,14 @@ from simgrab.io import models
 from simgrab.io.models import MOST_FACES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
+from simgrab.world.scenery.grabs.formats.contents import (
+    Contents,
+    Faces,
+    FileMaterial,
+    Shape,
+    mean_of_corners,
+    stated_unit,
+)
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _TYPES = {
@@ -81,10 +88,10 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
     return Contents(tuple(shapes), *doubts)
 
 
-def _textured(model: ModelFile, name: str) -> Surface | None:
+def _textured(model: ModelFile, name: str) -> FileMaterial | None:
     """Give a surface with a texture of the model's folder; None where it is not there."""
     picture = model.files.named(name, model.name)
-    return None if picture is None else Surface(texture=picture)
+    return None if picture is None else FileMaterial(texture=picture)
 
 
 def _with_strips(indices: Faces, sizes: Faces, strips: Faces) -> tuple[Faces, Faces]:
