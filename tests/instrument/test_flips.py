@@ -19,11 +19,11 @@ def mirrored(box):
 
 
 def both(looks, picture):
-    """Refine and settle a picture, and its mirror image, laid back."""
+    """Run refine and settle on a picture, and its mirror image, laid back."""
     for shown, box, laid in ((picture, BOX, False), (picture[:, ::-1], mirrored(BOX), True)):
         refined = looks.refine(shown, [box], last=True)
-        settled = looks.settle(shown, refined.one(0))
-        for found in (refined, settled):
+        posed = looks.predict_pose(shown, refined.one(0))
+        for found in (refined, posed):
             centre, yaw, sd = found.centres[0], found.yaw[0], found.box_sd[0]
             if laid:
                 yield (

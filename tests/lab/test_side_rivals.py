@@ -87,9 +87,9 @@ def three():
     return [filming(camera(f"king{i}", -10 * i, (-23, 4 * i, -10))) for i in (-1, 0, 1)]
 
 
-def rmse(found, settled=TIME > 1):
-    assert (found.reason[settled] == "").all()
-    return np.degrees(np.sqrt(np.mean((found.alpha - ALPHA)[settled] ** 2)))
+def rmse(found, converged=TIME > 1):
+    assert (found.reason[converged] == "").all()
+    return np.degrees(np.sqrt(np.mean((found.alpha - ALPHA)[converged] ** 2)))
 
 
 def test_the_plane_of_drawn_ropes_holds_their_lean():
@@ -113,8 +113,8 @@ def test_two_cameras_at_the_side_recover_a_swing_from_its_ropes_and_one_measures
 def test_three_cameras_recover_a_swing_from_balls(three):
     found = tysse(three, ROPE, TIME)
     assert rmse(found) < 0.2
-    settled = TIME > 2
-    assert np.mean(np.abs(found.alpha - ALPHA)[settled] < 2 * found.sd[settled]) > 0.8
+    converged = TIME > 2
+    assert np.mean(np.abs(found.alpha - ALPHA)[converged] < 2 * found.sd[converged]) > 0.8
     with pytest.raises(RecordError, match="two or more cameras"):
         tysse(three[:1], ROPE, TIME)
 
@@ -138,7 +138,7 @@ def test_what_is_out_of_sight_gives_a_reason(method, cameras, words, request):
     without = (TIME > 8 / 9 + 1.05) & (TIME < 36 / 9 - 1.05)
     assert without.any()
     assert np.isnan(found.alpha[without]).all()
-    assert all(words in reason or "not settled" in reason for reason in found.reason[without])
+    assert all(words in reason or "not converged" in reason for reason in found.reason[without])
     assert rmse(found, TIME > 4.2) < 0.4
     nothing = method([replace(view, frames=some[9:36]) for view, some in zip(views, frames, strict=True)], ROPE, TIME)
     assert np.isnan(nothing.alpha).all()

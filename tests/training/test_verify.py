@@ -49,7 +49,7 @@ def test_the_presence_is_of_settle_and_verify_and_the_rest_of_the_others(four, d
     three, all_four = Bundled(START), Bundled(four)
     box = three.candidates(seen)[0].box
     refined = three.refine(seen, [box])
-    alone, together = three.settle(seen, refined), all_four.settle(seen, refined)
+    alone, together = three.predict_pose(seen, refined), all_four.predict_pose(seen, refined)
     np.testing.assert_array_equal(together.centres, alone.centres)
     np.testing.assert_array_equal(together.yaw, alone.yaw)
     assert 0 < together.presence[0] < 1
@@ -58,7 +58,7 @@ def test_the_presence_is_of_settle_and_verify_and_the_rest_of_the_others(four, d
         decided = four.parent / f"decided{sense}"
         shutil.copytree(four, decided, dirs_exist_ok=True)
         _constant(decided / "verify.onnx", logit)
-        change = Bundled(decided).settle(seen, refined).presence[0] - alone.presence[0]
+        change = Bundled(decided).predict_pose(seen, refined).presence[0] - alone.presence[0]
         assert np.sign(change) == sense
 
 
@@ -71,7 +71,7 @@ def test_a_box_whose_edges_are_unsure_is_less_present(four, dataset, tmp_path):
     side = (refined.boxes[0][2:] - refined.boxes[0][:2]).max()
     odds = []
     for share in (0.02, 0.04):
-        presence = looks.settle(seen, replace(refined, box_sd=np.full((1, 4), share * side))).presence[0]
+        presence = looks.predict_pose(seen, replace(refined, box_sd=np.full((1, 4), share * side))).presence[0]
         odds.append(presence / (1 - presence))
     assert odds[0] / odds[1] == pytest.approx(4, rel=1e-3)
 

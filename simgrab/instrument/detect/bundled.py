@@ -1,6 +1,6 @@
 """The bundled detector, of three nets.
 
-One finds the grab in the shrunken picture, one refines it in a crop of the whole one, and one settles centre and yaw,
+One finds the grab in the shrunken picture, one refines it in a crop of the whole one, and one predicts centre and yaw,
 and whether it is the grab, in what is left when the picture is turned level: with size, place and yaw known, only small
 corrections remain. A fourth, where there is one, gets more of the surroundings, and predicts the last as well. For the
 default detector, refining twice makes boxes no better (mAP50-95 0.967 either way) and takes a fifth of the time. Where
@@ -86,7 +86,7 @@ class Settings(Checked, frozen=True):
     least_heat : float
         From which on a place is a candidate.
     least_presence : float
-        From which on settle's word makes it a grab.
+        Least output of settle at which it is a grab.
     rivals : float
         Share of the best candidate's heat above which other candidates are refined in the first pass too.
     room : float
@@ -220,7 +220,7 @@ class Bundled:
         best = refined.one(int(np.argmax(refined.presence * [candidate.heat for candidate in close])))
         for left in reversed(range(self.settings.passes - 1)):
             best = self.refine(picture, [best.boxes[0]], last=not left)
-        found = self.settle(picture, best)
+        found = self.predict_pose(picture, best)
         if found.presence[0] < max(_SURE, self.settings.least_presence):
             found = max([found, *self._again(picture, candidates)], key=lambda one: float(one.presence[0]))
         presence = float(found.presence[0])
@@ -229,7 +229,7 @@ class Bundled:
         return _detection(found, presence, picture, self.trust)
 
     def _again(self, picture: Picture, candidates: list[Candidate]) -> list[Refined]:
-        """Look at more candidates more often, each time from where the grab was seen, and settle them all.
+        """Look at more candidates more often, each time from where the grab was seen, and predict the pose in each.
 
         The hottest are not enough: where other grabs stand about, the one that is meant may come after them. Nor is the
         hottest at its own size: find may mark the grab, and predict a box so much too great or small that refine fails.
@@ -242,7 +242,7 @@ class Bundled:
         for left in reversed(range(PASSES - 1)):
             refined = self.refine(picture, boxes, last=not left)
             boxes = list(refined.boxes)
-        return [self.settle(picture, refined.one(i)) for i in range(len(boxes))]
+        return [self.predict_pose(picture, refined.one(i)) for i in range(len(boxes))]
 
     def candidates(self, picture: Picture) -> list[Candidate]:
         """Places that find takes for the grab, the hottest first."""
@@ -267,15 +267,15 @@ class Bundled:
         rows = _run(net, flipped(crops, ways), _ROWS)[0]
         return rows if ways == 1 else averaged(_sane(rows), ways)
 
-    def settle(self, picture: Picture, refined: Refined) -> Refined:
+    def predict_pose(self, picture: Picture, refined: Refined) -> Refined:
         """Predict presence, centre and yaw of one refined box (n = 1) again."""
         level = refined.level()
         crop = cut_level(picture, level, REFINE_SIZE)[None]
-        found = settled(refined, self._rows(self._settle, crop, self.settings.flips), level)
+        found = with_pose(refined, self._rows(self._settle, crop, self.settings.flips), level)
         return found if self._verify is None else self._verified(picture, found, self._verify)
 
     def _verified(self, picture: Picture, found: Refined, net: Net) -> Refined:
-        """Presence of a settled box (n = 1): the mean of settle's and verify's logits, less where the box is unsure."""
+        """Presence of one box (n = 1): the mean of settle's and verify's logits, less where the box is unsure."""
         box = _sound(found.boxes[0])
         crop = cut_with_mask(picture, around(box, VERIFY_ROOM), VERIFY_SIZE)[None]
         own = _bounded(_run(net, crop, _VERDICT)[0][:, 0].astype(float), -_LIMIT)
@@ -327,7 +327,7 @@ def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: in
     )  # fmt: skip
 
 
-def settled(refined: Refined, out: NDArray[np.floating], level: Level) -> Refined:
+def with_pose(refined: Refined, out: NDArray[np.floating], level: Level) -> Refined:
     """Put settle's output (1, 16) on a level part in place of refine's output, except for the box."""
     o = _sane(out)[0]
     sd = math.sqrt(2) * np.exp(o[10:12]) * level.side

@@ -188,5 +188,5 @@ def swing(at: Array, steps: Array, states: Array, covariances: Array, times: Arr
     sd = np.sqrt(np.maximum(split(of_lean, lean)[0], 0))
     reason = silent(times, at, most_s)
     worst = np.sqrt(np.linalg.eigvalsh(of_lean)[:, -1])
-    reason = np.where((reason == "") & (worst > MOST_SD), "the filter has not settled", reason)
+    reason = np.where((reason == "") & (worst > MOST_SD), "the filter has not converged", reason)
     return Swing.of(lean, sd, reason)

@@ -11,11 +11,11 @@ from simgrab.lab.stress import swings
 from simgrab.lab.stress.records import PROBE_ALPHA, PROBES, Records
 from simgrab.lab.stress.situation import KEYS as KEYS
 from simgrab.lab.stress.situation import Situation
-from simgrab.lab.stress.study import situation as settle
+from simgrab.lab.stress.study import situation as prepare
 from simgrab.lab.stress.swings import Draws, ReplicatedMotion
 from simgrab.model.geometry import Array, camera_rotation, grab_centre, grab_rotation, lean, rotation_z, to_camera
 
-__all__ = ["KEYS", "draw", "made_with", "settle", "show", "together"]
+__all__ = ["KEYS", "draw", "made_with", "prepare", "show", "together"]
 
 FRAMES_AT_ONCE = 1 << 18
 """Frames that are drawn together, which bounds the memory."""

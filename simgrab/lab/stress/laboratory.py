@@ -62,7 +62,7 @@ def parts(study: Study) -> list[ReplicationBatch]:
     slow_until = max((study.trials_of(name) for name in study.fewer if name in study.estimators), default=0)
     result = []
     for index, point in enumerate(study.points):
-        together = depth.together(depth.settle(study, point))
+        together = depth.together(depth.prepare(study, point))
         first = 0
         while first < study.replications:
             step = min(together, MOST_SLOW_TRIALS) if first < slow_until else together
@@ -75,7 +75,7 @@ def parts(study: Study) -> list[ReplicationBatch]:
 def make(study: Study, part: ReplicationBatch) -> pa.Table:
     """Draw, estimate and score the replications of a part: one row for each of them and each estimator."""
     point, depth = study.points[part.point], depth_of(study.depth)
-    here = depth.settle(study, point)
+    here = depth.prepare(study, point)
     records = depth.draw(here, study.seed, range(part.first, part.last))
     fields = schema(study)
     place = {s.axis: str(v) if isinstance(v, str) else v for s, v in zip(study.axes, point, strict=True)}

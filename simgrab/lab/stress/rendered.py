@@ -77,7 +77,7 @@ class Watched:
         return np.asarray(np.linalg.norm(self.seen.pixels - self.centre, axis=-1))
 
 
-def settle(chosen: Study, point: tuple[Value, ...]) -> Scenario:
+def prepare(chosen: Study, point: tuple[Value, ...]) -> Scenario:
     """Make the scene at a point of a study.
 
     Raises

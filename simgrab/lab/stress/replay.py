@@ -106,7 +106,7 @@ def _same(text: str, value: Value) -> bool:
 def replay(study: Study, trial: int, point: tuple[Value, ...]) -> Replay:
     """Make one replication again; its numbers are those of the whole run."""
     depth = depth_of(study.depth)
-    records, sheet = depth.show(depth.settle(study, point), study.seed, trial)
+    records, sheet = depth.show(depth.prepare(study, point), study.seed, trial)
     names = [name for name in study.estimators if trial < study.trials_of(name)]
     found = {name: estimators.run(name, records) for name in names}
     rows = {name: {k: _plain(v[0]) for k, v in scored(study, name, records).items()} for name in names}

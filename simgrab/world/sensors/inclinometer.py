@@ -44,7 +44,7 @@ class InclinometerDevice(Device):
 
     def _read(self, motion: Motion) -> tuple[Array, Array]:
         true = kinematics(self._sensor.mount, motion, self._scenario)
-        if self._state is None:  # settled on the first value
+        if self._state is None:  # begins at the first value, without a transient
             self._state = (1 - self._taps[0]) * true.force[:1]
         slow, self._state = signal.lfilter(self._taps, (1, -self._pole), true.force, axis=0, zi=self._state)
         truth = np.hstack([_above_level(true.force), _true_tilt(true), np.degrees(motion.swing).T])

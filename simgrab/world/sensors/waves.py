@@ -81,7 +81,7 @@ class Strings:
 
     A load w(s) across the ropes, m/s², drives mode j, of frequency ω = (jπ/l)·√(tension/mass a metre), by
     (2/l)·∫ w sin(jπs/l) ds. The load is apparent gravity less the acceleration of the straight rope, and what shakes
-    the exits. It begins settled.
+    the exits. It begins in its steady state.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ TRUTH = ("alpha", "sigma", "probe_pixels", "probe_rope")
 
 
 def records(point, *trials):
-    return rendered.draw(rendered.settle(catalogue.read(SNOW), point), 0, trials)
+    return rendered.draw(rendered.prepare(catalogue.read(SNOW), point), 0, trials)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def clear():
 
 @pytest.fixture(scope="module")
 def watched() -> Watched:
-    return watch(rendered.settle(catalogue.read(SNOW), (8.0,)), 0, 1)
+    return watch(rendered.prepare(catalogue.read(SNOW), (8.0,)), 0, 1)
 
 
 def test_a_replication_depends_on_its_number_alone(clear):
@@ -95,7 +95,7 @@ def test_it_is_what_rendering_and_looking_give(watched, tmp_path):
 def test_physics_brings_times_and_a_camera_that_moves():
     moving = TINY | {"swing.work.wait_s": 0, "clip.frame_rate_hz": 3}
     changes = {"base": "slew-alarm", "given": moving, "axes": [{"axis": "beta", "values": [3.0]}]}
-    found = rendered.draw(rendered.settle(catalogue.read(SNOW | changes), (3.0,)), 0, [0])
+    found = rendered.draw(rendered.prepare(catalogue.read(SNOW | changes), (3.0,)), 0, [0])
     np.testing.assert_allclose(np.diff(found.time), 1 / 3)
     assert found.sigma[0] == pytest.approx(np.sqrt(np.mean(found.alpha**2)))  # nobody knows what to expect
     rays = found.calibration.intrinsics.rays(found.probe_pixels)
