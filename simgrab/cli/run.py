@@ -76,17 +76,18 @@ def command(
     import json
 
     from simgrab.cli._progress import bar
+    from simgrab.instrument.detect import FOUR_ROPE
     from simgrab.instrument.pipeline import assemble
     from simgrab.instrument.run.run import RunOptions, run
     from simgrab.instrument.run.runs import alarms
-    from simgrab.instrument.run.subject import BUNDLED, open_instrument
+    from simgrab.instrument.run.subject import open_instrument
     from simgrab.instrument.run.table import HEAD, beside_paper, held, measured
     from simgrab.instrument.source import camera_beside
     from simgrab.reports.terminal import cell, stdout, table
 
     chosen: Instrument
     if instrument is not None:
-        if detector_name != BUNDLED or any((estimator, calibrate, calibration, imu, live)):
+        if detector_name != FOUR_ROPE or any((estimator, calibrate, calibration, imu, live)):
             raise click.UsageError(
                 "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration, --imu or "
                 "--live."

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from simgrab.instrument.detect.bundled import WEIGHTS, Bundled, Settings
+from simgrab.instrument.detect.bundled import WEIGHTS, GrabDetector, Settings
 from simgrab.instrument.detect.flips import averaged
 
 WIDTH, HEIGHT = 640, 400
@@ -47,9 +47,9 @@ def apart(looks, picture):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_mirrored_picture_gives_the_mirrored_answer(seed):
-    looks = Bundled(WEIGHTS / "any-grab", Settings(flips=4))
+    looks = GrabDetector(WEIGHTS / "any-grab", Settings(flips=4))
     np.testing.assert_array_less(apart(looks, cloudy(seed)), (0.1, 0.01, 0.001))
-    assert apart(Bundled(WEIGHTS / "any-grab", Settings(flips=1)), cloudy(seed))[0] > 1
+    assert apart(GrabDetector(WEIGHTS / "any-grab", Settings(flips=1)), cloudy(seed))[0] > 1
 
 
 def test_a_yaw_is_averaged_as_a_direction():

@@ -1,4 +1,4 @@
-"""The bundled detector, of three nets.
+"""The detector of the grab, of three or four nets; simgrab comes with two, by the names in `SHIPPED`.
 
 One finds the grab in the shrunken picture, one refines it in a crop of the whole one, and one predicts centre and yaw,
 and whether it is the grab, in what is left when the picture is turned level: with size, place and yaw known, only small
@@ -47,9 +47,9 @@ from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 
 WEIGHTS = ASSETS / "weights"
-BUNDLED, ANY_GRAB = "bundled", "any-grab"
+FOUR_ROPE, GENERIC = "bundled", "any-grab"
 #: Folders of the detectors that simgrab comes with, by name.
-SHIPPED = {BUNDLED: WEIGHTS, ANY_GRAB: WEIGHTS / ANY_GRAB}
+SHIPPED = {FOUR_ROPE: WEIGHTS, GENERIC: WEIGHTS / GENERIC}
 # Tasks that the files' metadata names.
 FIND, REFINE, SETTLE, VERIFY = "find-grab", "refine-grab", "settle-grab", "verify-grab"
 _CROP = (REFINE_SIZE, REFINE_SIZE, 4)
@@ -170,8 +170,8 @@ class Refined:
         return Level(self.centres[0], LEVEL_ROOM * float((box[2:] - box[:2]).max()), float(self.yaw[0]))
 
 
-class Bundled:
-    """The bundled detector (`simgrab.instrument.detect.contract.Detector`).
+class GrabDetector:
+    """A detector of nets of our own (`simgrab.instrument.detect.contract.Detector`).
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class Bundled:
             _opened(folder / "verify.onnx", VERIFY, (VERIFY_SIZE, VERIFY_SIZE, 4), _VERDICT)
             if facts.get("verified") is True else None
         )  # fmt: skip
-        self.name = BUNDLED if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
+        self.name = FOUR_ROPE if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
 
     def __call__(self, picture: Picture) -> Detection:
         """Look at a picture."""

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from simgrab.errors import DatasetError, DetectorError, SourceError
-from simgrab.instrument.detect import BUNDLED, Detector
+from simgrab.instrument.detect import FOUR_ROPE, Detector
 from simgrab.instrument.detect import detector as open_detector
 from simgrab.instrument.detect.patches import Picture
 from simgrab.instrument.source import PictureFiles, open_source
@@ -51,7 +51,7 @@ class Detections:
 
 
 def detect(
-    source: str | Path, detector: str | Path | Detector = BUNDLED, progress: Progress | None = None
+    source: str | Path, detector: str | Path | Detector = FOUR_ROPE, progress: Progress | None = None
 ) -> Detections:
     """Detect the grab in a picture, a folder of pictures or a dataset, writing nothing.
 

@@ -136,7 +136,7 @@ def detector(
     check(out, resume=resume, traces=CURVE if counts else TRACES)
     need_torch()
     from simgrab.dataset.datasets import read
-    from simgrab.instrument.detect import Bundled, located
+    from simgrab.instrument.detect import GrabDetector, located
     from simgrab.judge.evaluate.boxed import score
     from simgrab.training.detector import curve
     from simgrab.training.detector import real as real_frames
@@ -154,7 +154,7 @@ def detector(
     if grab or scene:  # frames take minutes: what can be refused is refused before
         named(device)
         if begin is not None:
-            Bundled(begin)
+            GrabDetector(begin)
         for dataset in (*datasets, *hard):
             read(dataset)
         datasets = (*datasets, _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=shows))

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import expit, logit
 
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import Bundled, Trust, lean
+from simgrab.instrument.detect.bundled import GrabDetector, Trust, lean
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
@@ -70,13 +70,13 @@ def watch(
 
 
 def calibrated(
-    looks: Bundled, seen: Sequence[DetectedFrame], real: Sequence[DetectedFrame] = (), before: float = 0.0
+    looks: GrabDetector, seen: Sequence[DetectedFrame], real: Sequence[DetectedFrame] = (), before: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
 
     Parameters
     ----------
-    looks : Bundled
+    looks : GrabDetector
         Whose other settings are kept.
     seen, real : sequence of DetectedFrame
         Of rendered frames, and of real ones.

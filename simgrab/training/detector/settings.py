@@ -1,4 +1,4 @@
-"""Recipes of the bundled detector."""
+"""Recipes of the detector."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Train the bundled detector, from datasets to ONNX files with their cards."""
+"""Train the detector, from datasets to ONNX files with their cards."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import torch
 
 from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
-from simgrab.instrument.detect.bundled import FIND, PASSES, REFINE, SETTLE, Bundled, Settings, peaks
+from simgrab.instrument.detect.bundled import FIND, PASSES, REFINE, SETTLE, GrabDetector, Settings, peaks
 from simgrab.instrument.detect.flips import WAYS
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.instrument.net import MOST_BYTES, open_net
@@ -229,10 +229,10 @@ def fit(
             shutil.copyfile(out / name, draft / name)
         write(draft / "settle.onnx", facts)
         # Around find's box refine misses unfamiliar grabs by more than around its own.
-        looks = Bundled(draft, Settings(least_presence=0.0, passes=PASSES, flips=WAYS))
+        looks = GrabDetector(draft, Settings(least_presence=0.0, passes=PASSES, flips=WAYS))
     seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
     others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
-    first = Bundled(Path(start)) if start is not None else None
+    first = GrabDetector(Path(start)) if start is not None else None
     least = first.settings.least_presence if first else 0.0
     fitted, figures = evaluate.calibrated(looks, seen, others, before=least)
     write(out / "settle.onnx", facts | fitted)

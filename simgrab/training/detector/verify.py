@@ -25,7 +25,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab.dataset import datasets
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import PASSES, VERIFY, Bundled
+from simgrab.instrument.detect.bundled import PASSES, VERIFY, GrabDetector
 from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_ROOM, VERIFY_SIZE, Patch
 from simgrab.instrument.net import open_net
 from simgrab.io.files import sha256
@@ -180,7 +180,7 @@ def train_verify(
     """
     out, detector = Path(out), Path(detector)
     check(out, resume=resume)
-    sets, looks = datasets.read_all(paths, "train", "val"), Bundled(detector)
+    sets, looks = datasets.read_all(paths, "train", "val"), GrabDetector(detector)
     step = watch or (lambda _: lambda _done, _total: None)
     begin = _start(detector)
     names = dict.fromkeys([*(f"{name}.onnx" for name in NETS), begin.name])
@@ -244,26 +244,26 @@ def _assemble(
     """Put the other nets beside verify, with a presence threshold for all together; figures on validation frames."""
     facts = open_net(detector / "settle.onnx").facts | {"verified": True}
     export.copy(NETS, detector, out)
-    settings = Bundled(detector).settings
+    settings = GrabDetector(detector).settings
 
     def thresholded(presence: float) -> None:
         changed = msgspec.structs.replace(settings, least_presence=presence)
         export.restated(out / "settle.onnx", facts | {"settings": msgspec.structs.asdict(changed)})
 
     thresholded(0.0)
-    seen = evaluate.watch(Bundled(out), val, progress)
+    seen = evaluate.watch(GrabDetector(out), val, progress)
     presence = round(evaluate.least_presence(seen), 4)
     thresholded(presence)
     return evaluate.metrics(evaluate.by(presence, seen))
 
 
 def suspects(
-    looks: Bundled, frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
+    looks: GrabDetector, frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
 ) -> list[list[Array]]:
     """Boxes that a detector may take for the grab in each frame, px of the picture, the most present first.
 
-    They are its candidates, refined once, and as often as `Bundled` refines them again; of those that are nearly the
-    same, the first.
+    They are its candidates, refined once, and as often as `GrabDetector` refines them again; of those that are nearly
+    the same, the first.
     """
     result = []
     for frame in frames:
