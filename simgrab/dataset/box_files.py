@@ -47,7 +47,7 @@ class BoxedImage:
     size : tuple of 2 numbers, optional
         Width and height that the labels state, px.
     crowds : frozenset of str
-        Classes of which a region shows several that are not told apart.
+        Classes of which a region shows several that are not distinguished.
     """
 
     file: str

@@ -237,8 +237,8 @@ def fill(
     known = None if output.begun else vetted(recipe, workers, checking, cluster=cluster)
     with output.opened() as units:
         frames = sum(map(len, units))
-        told = report(progress, recipe.scenario.frames - frames, recipe.scenario.frames)
-        rendering = map_items(recipe, known, units, output.work, workers=workers, cluster=cluster, progress=told)
+        advance = report(progress, recipe.scenario.frames - frames, recipe.scenario.frames)
+        rendering = map_items(recipe, known, units, output.work, workers=workers, cluster=cluster, progress=advance)
         with contextlib.closing(rendering):
             for made in rendering:
                 output.take(made)

@@ -209,7 +209,7 @@ def test_settles_examples_show_what_they_say(dataset, tmp_path):
     frames = [frame_of(row, box, tmp_path / f"{i}.png", mark=True) for i, box in enumerate(BOXES)]
     crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
     checked = 0
-    seen = [example for example in settle._looked_at(crops, Says()) if example.there]
+    seen = [example for example in settle._examples(crops, Says()) if example.there]
     assert len(seen) == 3
     for i, example in enumerate(seen):
         for trial in range(12):
@@ -243,7 +243,7 @@ def test_settle_learns_what_refine_takes_for_the_grab_soonest(dataset, tmp_path)
     )
     hardest = chosen[3]  # the rectangle, which the labels of that frame do not know
     assert hardest.crops is some[1]
-    assert hardest.presence == max(example.presence for example in settle._looked_at(some[1], Says()))
+    assert hardest.presence == max(example.presence for example in settle._examples(some[1], Says()))
     nothing = settle._learned(hardest, stream(0, 0, "example"), None)
     assert nothing["present"] == 0
     assert not nothing["known"].any()
@@ -255,10 +255,10 @@ def test_settle_does_not_learn_that_the_grab_beside_is_none(dataset, tmp_path):
     frame = frame_of(datasets.read(dataset).rows[0], BOXES[0], tmp_path / "0.png")
     beside = np.array([300.0, 80, 400, 180])
     crops = refine.crops(tmp_path / "crops", [frame], [[beside]], seed=0)
-    assert [example.there for example in settle._looked_at(crops, Says())] == [True, False]
+    assert [example.there for example in settle._examples(crops, Says())] == [True, False]
     finds = Says()
     finds.left = 0.5
-    assert [example.there for example in settle._looked_at(crops, finds)] == [True]
+    assert [example.there for example in settle._examples(crops, finds)] == [True]
 
 
 @pytest.mark.parametrize("aside", [0.0, 60.0, 300.0])

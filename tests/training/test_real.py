@@ -104,7 +104,7 @@ def test_edges_and_presence_are_learned_from_a_box_alone(known, tmp_path):
 def test_settle_learns_the_presence_of_a_box_alone(known, tmp_path):
     frames = [frame for frame in known.train if frame.labelled]
     crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
-    seen = [one for one in settle._looked_at(crops, nets.Refine().eval()) if one.there]
+    seen = [one for one in settle._examples(crops, nets.Refine().eval()) if one.there]
     assert len(seen) == len(frames)
     box = labels.box(frames[0].row)
     far = dataclasses.replace(seen[0], said=Level(box[:2] - 900.0, 100.0, 0.3))

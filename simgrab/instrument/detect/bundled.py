@@ -92,9 +92,9 @@ class Settings(Checked, frozen=True):
     room : float
         Side of refine's crop, over the box's longer side.
     passes : int
-        How often refine looks at the best candidate, each time around the box that it gave before.
+        How often refine runs on the best candidate, each time around the box that it gave before.
     flips : int
-        In how many of four mirror images, the crop itself among them, settle looks at a crop, and refine in its last
+        In how many of four mirror images, the crop itself among them, settle gets a crop, and refine in its last
         pass; their outputs are averaged.
     """
 
@@ -209,7 +209,7 @@ class GrabDetector:
         self.name = FOUR_ROPE if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
 
     def __call__(self, picture: Picture) -> Detection:
-        """Look at a picture."""
+        """Detect the grab in a picture."""
         contract.check(picture)
         candidates = self.candidates(picture)
         if not candidates or candidates[0].heat < self.settings.least_heat:
@@ -229,7 +229,7 @@ class GrabDetector:
         return _detection(found, presence, picture, self.trust)
 
     def _again(self, picture: Picture, candidates: list[Candidate]) -> list[Refined]:
-        """Look at more candidates more often, each time from where the grab was seen, and predict the pose in each.
+        """Refine more candidates more often, each time from where the grab was seen, and predict the pose in each.
 
         The hottest are not enough: where other grabs stand about, the one that is meant may come after them. Nor is the
         hottest at its own size: find may mark the grab, and predict a box so much too great or small that refine fails.
@@ -256,7 +256,7 @@ class GrabDetector:
         ]
 
     def refine(self, picture: Picture, boxes: list[Array], *, last: bool = False) -> Refined:
-        """Look closely at crops around n boxes, each of shape (4,), px; in the last pass at mirror images too."""
+        """Refine crops around n boxes, each of shape (4,), px; in the last pass at mirror images too."""
         patches = [around(_sound(box), self.settings.room) for box in boxes]
         crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
         rows = self._rows(self._refine, crops, self.settings.flips if last else 1)

@@ -86,8 +86,8 @@ def detect(
     opened = open_source(source)
     if not isinstance(opened, PictureFiles):
         raise SourceError(f"{opened.name} is a video; simgrab run measures it")
-    looks = open_detector(detector) if isinstance(detector, str | Path) else detector
-    return replace(_detect(opened.files, _whole(opened), looks, progress), note=opened.note)
+    chosen = open_detector(detector) if isinstance(detector, str | Path) else detector
+    return replace(_detect(opened.files, _whole(opened), chosen, progress), note=opened.note)
 
 
 def detect_dataset(

@@ -95,7 +95,7 @@ class Yolo:
         return printable(self._net.path.name)
 
     def __call__(self, picture: Picture) -> Detection:
-        """Look at a picture."""
+        """Detect the grab in a picture."""
         contract.check(picture)
         yolox = self.layout.family == "yolox"
         patch = whole(picture.shape[1], picture.shape[0], self.width / self.height, centred=not yolox)

@@ -24,7 +24,7 @@ from simgrab.model.records.estimates import Estimate, Intervals
 _ANGLES = ("beta_history", "lean_sd")
 _SQUARED_ANGLES = ("sigma2_history",)
 # An offset that looks like less tilt than this is not worth a warning.
-_LOOKS_LIKE = np.deg2rad(0.1)
+_LEAST_TILT = np.deg2rad(0.1)
 
 
 @dataclass(frozen=True)
@@ -139,15 +139,15 @@ def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) ->
     if record.rope_length is None:
         if across == 0:
             return ()
-        looks = "looks like tilt"
+        effect = "looks like tilt"
     else:
         shortest = float(record.rope_length.min())
         angle = np.arctan2(across, shortest)
-        if angle <= _LOOKS_LIKE:
+        if angle <= _LEAST_TILT:
             return ()
-        looks = f"looks like up to {np.rad2deg(angle):.1f} deg of tilt on ropes from {shortest:.1f} m"
+        effect = f"looks like up to {np.rad2deg(angle):.1f} deg of tilt on ropes from {shortest:.1f} m"
     return (
-        f"the camera file's offset of {across:.2f} m {looks}, which {estimator} cannot tell apart and its intervals "
+        f"the camera file's offset of {across:.2f} m {effect}, which {estimator} cannot tell apart and its intervals "
         "leave out; rope-aware can, from rope_length_m",
     )
 

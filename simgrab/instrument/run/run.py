@@ -76,7 +76,7 @@ def run(
         simgrab's own pipeline unless given.
     options : RunOptions, optional
     progress : callable, optional
-        Told how many frames are measured, and of how many.
+        Called with how many frames are measured, and of how many.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from simgrab.model.geometry import Array, to_camera
 from simgrab.model.rng import stream
 from simgrab.model.truth import Row
 
-_TOLD_SD_M = 1e-4  # of a known offset
+_KNOWN_SD_M = 1e-4  # of a known offset
 DRAWS = 20
 
 
@@ -198,7 +198,7 @@ def true_camera(rows: Sequence[Row], nominal: Calibration) -> Calibration:
     return msgspec.structs.replace(
         nominal, focal_length_px=row.fx_px, cx_px=row.cx_px, cy_px=row.cy_px,
         k1=row.k1, k2=row.k2, p1=row.p1, p2=row.p2, k3=row.k3, roll_deg=float(np.rad2deg(roll)),
-        offset_m=(row.offset_x_m, row.offset_y_m, row.offset_z_m), offset_sd_m=_TOLD_SD_M,
+        offset_m=(row.offset_x_m, row.offset_y_m, row.offset_z_m), offset_sd_m=_KNOWN_SD_M,
     )  # fmt: skip
 
 

@@ -96,8 +96,8 @@ def study(dataset: str | Path, frames: int = 40, turned_deg: float = 10.0) -> Gr
     )
 
 
-def tell(found: GrabWidthStudy) -> list[str]:
-    """Say in lines what the study found."""
+def summary_lines(found: GrabWidthStudy) -> list[str]:
+    """Summarise the study in lines of text."""
     difference = np.rad2deg(np.abs(found.by_width - found.estimated))
     error, other = (np.rad2deg(np.abs(a - found.truth)) for a in (found.by_width, found.estimated))
     beta = np.rad2deg(found.beta)

@@ -96,14 +96,14 @@ class PaperStudy:
     expected_cos: float
 
 
-def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None) -> PaperStudy:
+def study(settings: PaperSettings, report: Callable[[str], None] = lambda _: None) -> PaperStudy:
     """Run section 4.4.
 
     Parameters
     ----------
     settings : PaperSettings
-    tell : callable
-        Told what is being done.
+    report : callable
+        Called with what is being done.
     """
     rivals: dict[str, Estimator] = {
         "known": PaperIteration(axis="known", axis_direction=AXIS_DIRECTION),
@@ -113,17 +113,17 @@ def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None)
     }
     spreads: dict[str, dict[int, Spread]] = {name: {} for name in rivals}
     for n in settings.frames:
-        tell(f"errors at n = {n}")
+        report(f"errors at n = {n}")
         pixels, _ = _draw(settings, "errors", n)
         for name, estimator in rivals.items():
             spreads[name][n] = _spread(estimator.batch(pixels, camera(settings.h)), settings)
-    tell("convergence and start values")
+    report("convergence and start values")
     pixels, alpha = _draw(settings, "convergence", settings.convergence_frames)
     run = rivals["known"].batch(pixels, camera(settings.h))
     beta_steps, sigma2_steps = _steps(run, LIMIT.batch(pixels, camera(settings.h)))
     rows, last = np.flatnonzero(run.ok), np.asarray(run.diagnostics["iterations"][run.ok], int)
     betas, sigma2s = run.diagnostics["beta_history"], run.diagnostics["sigma2_history"]
-    tell("time")
+    report("time")
     single, batch = _times(settings)
     cos_psi = settings.h / np.hypot(settings.h, camera(settings.h).intrinsics.polar(pixels)[0])
     return PaperStudy(

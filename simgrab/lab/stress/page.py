@@ -127,7 +127,7 @@ def extreme(
 
 def sentences(summary: StudySummary, points: Sequence[Point]) -> list[str]:
     """Say of each curve where it is worst, and which estimator's worst is mildest."""
-    told = []
+    result = []
     for name, column, statistic, factor, unit, key in _CURVES:
         found = extreme(summary, points, column, key)
         if found is None:
@@ -143,5 +143,5 @@ def sentences(summary: StudySummary, points: Sequence[Point]) -> list[str]:
         best = min(mildest, key=lambda rival: key(mildest[rival]), default=worst)
         if best != worst and column != "refused":
             text += f"; of {best} {factor * mildest[best].statistic(statistic)[0]:.4g}{unit}"
-        told.append(f"{text}.")
-    return told or ["No record was solved."]
+        result.append(f"{text}.")
+    return result or ["No record was solved."]

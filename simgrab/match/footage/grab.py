@@ -50,7 +50,7 @@ class Grab:
 
 
 def grab(footage: Footage, detector: Detector) -> Grab:
-    """Look for the grab in a few frames."""
+    """Detect the grab in a few frames."""
     results = [(frame, detector(frame)) for frame in footage.rgb]
     pairs = [(frame, one.box) for frame, one in results if one.found and one.box is not None]
     share = exact(len(pairs) / len(results))

@@ -1,4 +1,4 @@
-"""The grab: its kind, shape and looks."""
+"""The grab: its kind, shape and appearance."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class Scenario(Strict, frozen=True):
     frames: Annotated[int, about("Number of frames.", ge=1, le=10_000_000)] = 64
     camera: Annotated[Camera, about("The surveillance camera at the jib head.")] = Camera()
     swing: Annotated[Iid | Dynamic, about("How the grab swings: independent draws, or physics.")] = Iid()
-    grab: Annotated[Grab, about("The grab: its kind, shape and looks.")] = FourRope()
+    grab: Annotated[Grab, about("The grab: its kind, shape and appearance.")] = FourRope()
     jib: Annotated[Jib, about("The jib head and its ropes.")] = Jib()
     place: Annotated[Place, about("What lies below the grab.")] = Quay()
     clutter: Annotated[Clutter, about("Parked grabs of other cranes.")] = Clutter()

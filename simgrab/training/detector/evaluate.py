@@ -70,13 +70,13 @@ def watch(
 
 
 def calibrated(
-    looks: GrabDetector, seen: Sequence[DetectedFrame], real: Sequence[DetectedFrame] = (), before: float = 0.0
+    detector: GrabDetector, seen: Sequence[DetectedFrame], real: Sequence[DetectedFrame] = (), before: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
 
     Parameters
     ----------
-    looks : GrabDetector
+    detector : GrabDetector
         Whose other settings are kept.
     seen, real : sequence of DetectedFrame
         Of rendered frames, and of real ones.
@@ -95,7 +95,7 @@ def calibrated(
     if sum(not one.frame.labelled for one in [*seen, *real]) < _FEWEST_EMPTY:
         presence = max(presence, before)
     seen, real = by(presence, seen), by(presence, real)
-    settings = msgspec.structs.asdict(msgspec.structs.replace(looks.settings, least_presence=presence))
+    settings = msgspec.structs.asdict(msgspec.structs.replace(detector.settings, least_presence=presence))
     factors = trust([*seen, *real])
     return {"settings": settings, "trust": as_dict(factors)}, metrics(drawn_in(seen, factors.outward))
 

@@ -35,7 +35,7 @@ from simgrab.training.device import named
 from simgrab.training.folder import check, claim
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
-_LOOK = 32  # batch of find, pictures
+_BATCH = 32  # batch of find, pictures
 
 NETS = ("find", "refine", "settle")
 Watch = Callable[[str], Callable[[int, int], None]]
@@ -229,12 +229,12 @@ def fit(
             shutil.copyfile(out / name, draft / name)
         write(draft / "settle.onnx", facts)
         # Around find's box refine misses unfamiliar grabs by more than around its own.
-        looks = GrabDetector(draft, Settings(least_presence=0.0, passes=PASSES, flips=WAYS))
-    seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
-    others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
+        detector = GrabDetector(draft, Settings(least_presence=0.0, passes=PASSES, flips=WAYS))
+    seen = evaluate.watch(detector, [*val_frames, *hard.val], step("detecting in val images"))
+    others = evaluate.watch(detector, frames.real, step("detecting in real val images")) if frames.real else []
     first = GrabDetector(Path(start)) if start is not None else None
     least = first.settings.least_presence if first else 0.0
-    fitted, figures = evaluate.calibrated(looks, seen, others, before=least)
+    fitted, figures = evaluate.calibrated(detector, seen, others, before=least)
     write(out / "settle.onnx", facts | fitted)
     if first:
         before = evaluate.watch(first, [*val_frames, *hard.val], step("detecting with the first weights"))
@@ -266,10 +266,10 @@ def suspects(
     """Boxes that find takes for the grab in each frame, px of the picture, the hottest first."""
     result = []
     with torch.inference_mode():
-        for start in range(0, len(frames), _LOOK):
-            some = torch.from_numpy(np.array(pictures.pictures[start : start + _LOOK]))
+        for start in range(0, len(frames), _BATCH):
+            some = torch.from_numpy(np.array(pictures.pictures[start : start + _BATCH]))
             heat, reach = (x.numpy() for x in net(some))
-            for i, frame in enumerate(frames[start : start + _LOOK]):
+            for i, frame in enumerate(frames[start : start + _BATCH]):
                 patch = whole(frame.row.width_px, frame.row.height_px)
                 found = [box for box, score in peaks(heat[i], reach[i]) if score >= _SUSPECT]
                 shares = [box.reshape(2, 2) / (FIND_WIDTH, FIND_HEIGHT) for box in found]

@@ -84,7 +84,7 @@ class ContextTask(CropTask[Example]):
         return binary_cross_entropy_with_logits(out[:, 0], present) + _ROPES * astray
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
-        """Share of crops told apart, and the cross entropy."""
+        """Share of crops classified correctly, and the cross entropy."""
         if not self._validation:
             return {SCORE: 0.0}
         device = next(net.parameters()).device
@@ -180,7 +180,7 @@ def train_verify(
     """
     out, detector = Path(out), Path(detector)
     check(out, resume=resume)
-    sets, looks = datasets.read_all(paths, "train", "val"), GrabDetector(detector)
+    sets, nets = datasets.read_all(paths, "train", "val"), GrabDetector(detector)
     step = watch or (lambda _: lambda _done, _total: None)
     begin = _start(detector)
     names = dict.fromkeys([*(f"{name}.onnx" for name in NETS), begin.name])
@@ -194,7 +194,7 @@ def train_verify(
             folder, twice = out / "cache" / f"{name}-{digest[:16]}", [*some] * _TIMES
             split: list[list[Array]] = [[] for _ in twice]  # crops in the cache need none
             if not cache.is_built(folder):
-                boxes = suspects(looks, some, step(f"detecting in {name} images"))
+                boxes = suspects(nets, some, step(f"detecting in {name} images"))
                 split = [found[half::_TIMES] for half in range(_TIMES) for found in boxes]
             crops[name] = refine.crops(folder, twice, split, seed=settings.seed, progress=step(f"cutting {name} crops"))
         task = ContextTask([crops["train"]], [crops["val"]])
@@ -258,7 +258,7 @@ def _assemble(
 
 
 def suspects(
-    looks: GrabDetector, frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
+    detector: GrabDetector, frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
 ) -> list[list[Array]]:
     """Boxes that a detector may take for the grab in each frame, px of the picture, the most present first.
 
@@ -268,10 +268,10 @@ def suspects(
     result = []
     for frame in frames:
         picture = frame.picture()
-        places = [one.box for one in looks.candidates(picture) if one.heat >= _SUSPECT]
+        places = [one.box for one in detector.candidates(picture) if one.heat >= _SUSPECT]
         found: list[tuple[float, Array]] = []
         for done in range(PASSES if places else 0):
-            refined = looks.refine(picture, places)
+            refined = detector.refine(picture, places)
             places = list(refined.boxes)
             if done in (0, PASSES - 1):
                 found += zip(refined.presence, refined.boxes, strict=True)

@@ -263,8 +263,8 @@ def read(keys: Mesh, model: ModelFile) -> ImportedModel:
     origin = np.rint((middle.min(axis=0) + middle.max(axis=0)) / 2)
     if np.abs(origin).max() < FAR_M:
         origin = np.zeros(3)
-    looks = ShapeMaterials(lambda problem: _refuse(f"{model.name}: {problem}"), painted=keys.finish == "paint")
-    found = [piece for shape, points in placed if (piece := _piece(shape, points - origin, looks))]
+    materials = ShapeMaterials(lambda problem: _refuse(f"{model.name}: {problem}"), painted=keys.finish == "paint")
+    found = [piece for shape, points in placed if (piece := _piece(shape, points - origin, materials))]
     if not found:
         raise _refuse(f"{model.name}: shows no triangles")
     return ImportedModel(found, origin, contents)
@@ -301,7 +301,7 @@ def _placed(shape: Shape, pose: Array, name: str) -> Array:
     return points
 
 
-def _piece(shape: Shape, vertices: Array, looks: ShapeMaterials) -> Piece | None:
+def _piece(shape: Shape, vertices: Array, materials: ShapeMaterials) -> Piece | None:
     steel = trimesh.Trimesh(vertices, shape.faces, process=False)
     kept = np.asarray(steel.area_faces) > 1e-12
     if not kept.any():
@@ -312,7 +312,7 @@ def _piece(shape: Shape, vertices: Array, looks: ShapeMaterials) -> Piece | None
     parts = []
     turned = shape.faces.copy()
     turned[np.flatnonzero(kept)[~outwards]] = turned[np.flatnonzero(kept)[~outwards], ::-1]
-    for number, (faces, material, uv) in enumerate(looks.of(shape)):
+    for number, (faces, material, uv) in enumerate(materials.of(shape)):
         chosen = kept & faces
         if not chosen.any():
             continue

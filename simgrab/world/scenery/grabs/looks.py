@@ -22,7 +22,7 @@ MOST_TEXTURE_PX = 4096
 MOST_PIXELS = 4 * MOST_TEXTURE_PX**2  # of all textures
 MOST_COLOURS = 24  # of faces; more are brought together
 
-Look = tuple[NDArray[np.bool_], Material, Array | None]
+MaterialFaces = tuple[NDArray[np.bool_], Material, Array | None]
 
 
 class ShapeMaterials:
@@ -41,7 +41,7 @@ class ShapeMaterials:
         self._made: dict[object, Material] = {}
         self._textures: dict[bytes, Texture] = {}
 
-    def of(self, shape: Shape) -> Iterator[Look]:
+    def of(self, shape: Shape) -> Iterator[MaterialFaces]:
         """Give which faces have which material, and texture coordinates of the vertices."""
         every, surface = np.ones(len(shape.faces), bool), shape.surface or FileMaterial()
         if self._painted or (shape.surface is None and shape.colours is None):

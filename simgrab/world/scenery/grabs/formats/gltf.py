@@ -201,7 +201,7 @@ class _Scene:
             if "skin" in node:
                 skin = self._content["skins"][node["skin"]]
                 vertices, pose = self._skinned(primitive, vertices, skin, poses), np.eye(4)
-            surface, uv, colours = self._looks(primitive, len(vertices), faces)
+            surface, uv, colours = self._surface(primitive, len(vertices), faces)
             nodes = (name, *above) if len(mesh["primitives"]) == 1 else (f"{name}_{place}", name, *above)
             for i, instance in enumerate(places):
                 own = nodes if len(places) == 1 else (f"{nodes[0]}_{i}", *nodes)
@@ -239,7 +239,7 @@ class _Scene:
             faces = np.stack([np.full(len(corners) - 2, corners[0]), corners[1:-1], corners[2:]], axis=1)
         return (vertices, faces) if len(faces) else None
 
-    def _looks(self, primitive: dict[str, Any], count: int, faces: Faces) -> tuple[Any, Array | None, Array | None]:
+    def _surface(self, primitive: dict[str, Any], count: int, faces: Faces) -> tuple[Any, Array | None, Array | None]:
         attributes = primitive["attributes"]
         material = self._materials[primitive["material"]] if "material" in primitive else None
         uv = colours = None
