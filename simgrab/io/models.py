@@ -180,11 +180,11 @@ def _about(name: str, refuse: Refuse) -> Refuse:
     return lambda problem: refuse(f"{name}: {problem}")
 
 
-def inside(folder: Path, found: str, refuse: Refuse) -> Path:
+def inside(folder: Path, name: str, refuse: Refuse) -> Path:
     """Resolve the name of a file that may not leave a folder, by links neither."""
-    if _leaves(folder, found):
-        raise refuse(f"refers to {shown(found)}, which is outside its folder")
-    return folder / PurePosixPath(found.replace("\\", "/"))
+    if _leaves(folder, name):
+        raise refuse(f"refers to {shown(name)}, which is outside its folder")
+    return folder / PurePosixPath(name.replace("\\", "/"))
 
 
 def _leaves(folder: Path, found: str) -> bool:

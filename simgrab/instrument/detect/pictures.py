@@ -121,35 +121,35 @@ def _detect(
     return Detections(detector.name, tuple(files), tuple(detections), tuple(seconds))
 
 
-def rows(found: Detections) -> list[dict[str, Any]]:
+def rows(detections: Detections) -> list[dict[str, Any]]:
     """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box centre where the detector outputs none."""
     return [
         {"file": encodable(path)} | _row(detection) | {"seconds": seconds}
-        for path, detection, seconds in zip(found.files, found.detections, found.seconds, strict=True)
+        for path, detection, seconds in zip(detections.files, detections.detections, detections.seconds, strict=True)
     ]
 
 
-def centre(found: Detection) -> Any:
+def centre(detection: Detection) -> Any:
     """Grab centre of a detection, or the box centre where it has none, (2,), px; NaN where nothing was found."""
-    if found.centre is not None:
-        return found.centre
-    return np.full(2, np.nan) if found.box is None else (found.box[:2] + found.box[2:]) / 2
+    if detection.centre is not None:
+        return detection.centre
+    return np.full(2, np.nan) if detection.box is None else (detection.box[:2] + detection.box[2:]) / 2
 
 
-def _row(found: Detection) -> dict[str, Any]:
+def _row(detection: Detection) -> dict[str, Any]:
     def spread(names: Sequence[str], values: Any) -> dict[str, float | None]:
         return dict.fromkeys(names) if values is None else dict(zip(names, map(float, values), strict=True))
 
     edges = ("x0", "y0", "x1", "y1")
-    where = centre(found) if found.found else None
+    where = centre(detection) if detection.found else None
     return {
-        "status": found.status, "reason": encodable(found.reason), "score": found.score,
-        **spread([f"box_{e}_px" for e in edges], found.box),
+        "status": detection.status, "reason": encodable(detection.reason), "score": detection.score,
+        **spread([f"box_{e}_px" for e in edges], detection.box),
         **spread(("u_px", "v_px"), where),
-        **spread([f"box_{e}_sd_px" for e in edges], found.box_sd_px),
-        **spread(("u_sd_px", "v_sd_px"), found.centre_sd_px),
-        "yaw_deg": None if found.yaw is None else float(np.rad2deg(found.yaw)),
-        "yaw_sd_deg": None if found.yaw_sd is None else float(np.rad2deg(found.yaw_sd)),
+        **spread([f"box_{e}_sd_px" for e in edges], detection.box_sd_px),
+        **spread(("u_sd_px", "v_sd_px"), detection.centre_sd_px),
+        "yaw_deg": None if detection.yaw is None else float(np.rad2deg(detection.yaw)),
+        "yaw_sd_deg": None if detection.yaw_sd is None else float(np.rad2deg(detection.yaw_sd)),
     }  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def check_table(path: Path) -> None:
     check_file(path, DatasetError)
 
 
-def save(found: Detections, path: str | Path) -> None:
+def save(detections: Detections, path: str | Path) -> None:
     """Write the rows to ``.parquet`` or ``.csv``, which `simgrab estimate` reads as they are; all of them or no file.
 
     Raises
@@ -175,7 +175,7 @@ def save(found: Detections, path: str | Path) -> None:
     """
     path = Path(path)
     check_table(path)
-    table = rows(found)
+    table = rows(detections)
     with writing(path, DatasetError), drafted(path) as draft:
         if path.suffix.lower() == ".parquet":
             parquet.write(pa.Table.from_pylist(table), draft)

@@ -236,11 +236,11 @@ class _Notes:
         )
 
 
-def _named(found: Run, source: Source) -> Run:
+def _named(run: Run, source: Source) -> Run:
     """Add to a dataset's run what it is known by."""
     if not (isinstance(source, PictureFiles) and source.labels_sha256):
-        return found
-    return replace(found, about=found.about | {"labels_sha256": source.labels_sha256})
+        return run
+    return replace(run, about=run.about | {"labels_sha256": source.labels_sha256})
 
 
 def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:

@@ -20,14 +20,14 @@ class TextTable:
 ERRORS = ("frames", "bias", "RMSE", "95 %", "max")  # degrees
 
 
-def tables(found: Mapping[str, Any]) -> tuple[TextTable, ...]:
+def tables(evaluation: Mapping[str, Any]) -> tuple[TextTable, ...]:
     """Make the tables of what `simgrab.evaluate` gives; parts without a comparison are left out."""
     parts = (
-        _of_detection(found["detection"]),
-        _of_reading(found["reading"]),
-        _of_angle(found["angle"], found["interval"]),
-        _of_alarm(found["alarm"]),
-        _of_budget(found["budget"]),
+        _of_detection(evaluation["detection"]),
+        _of_reading(evaluation["reading"]),
+        _of_angle(evaluation["angle"], evaluation["interval"]),
+        _of_alarm(evaluation["alarm"]),
+        _of_budget(evaluation["budget"]),
     )
     return tuple(part for part in parts if part is not None)
 

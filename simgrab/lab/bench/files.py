@@ -323,11 +323,11 @@ def targets(folder: Path) -> tuple[ClipTruth, ...]:
     return tuple(result)
 
 
-def _targets(found: tuple[ClipTruth, ...]) -> bytes:
+def _targets(truths: tuple[ClipTruth, ...]) -> bytes:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["clip", "frame", "time_s"])
-    for target in found:
+    for target in truths:
         table.writerows((target.clip, frame, f"{time:.6f}") for frame, time in enumerate(target.times.tolist()))
     return text.getvalue().encode()
 

@@ -254,15 +254,15 @@ def _tile(picture: Picture, watched: Watched, index: int, width: int) -> Picture
     return tile
 
 
-def _mark(picture: Picture, true: Array, found: Array, scale: float, corner: Array) -> None:
+def _mark(picture: Picture, true: Array, detected: Array, scale: float, corner: Array) -> None:
     def at(pixel: Array) -> tuple[int, int]:
         u, v = np.clip((pixel - corner) * scale - 0.5, -9999, 9999).round()
         return int(u), int(v)
 
     if np.isfinite(true).all():
         cv2.drawMarker(picture, at(true), _TRUE, cv2.MARKER_TILTED_CROSS, 12, 1, cv2.LINE_AA)
-    if np.isfinite(found).all():
-        cv2.circle(picture, at(found), 7, _FOUND, 1, cv2.LINE_AA)
+    if np.isfinite(detected).all():
+        cv2.circle(picture, at(detected), 7, _FOUND, 1, cv2.LINE_AA)
 
 
 def _caption(watched: Watched, index: int) -> str:

@@ -97,7 +97,7 @@ class Appearance:
             ("tone curve", never[1]),
             ("share hidden by weather", never[2]),
             ("display's digits", digits),
-            ("share of frames with a grab", self.grab.found.text()),
+            ("share of frames with a grab", self.grab.share.text()),
             ("longer side of the grab", self.grab.size_px.text()),
             ("hue of its paint", self.grab.hue_deg.text()),
         ]  # fmt: skip

@@ -30,8 +30,8 @@ class Grab:
 
     Attributes
     ----------
-    found : Quantity
-        Share of the frames that were looked at in which the detector finds it.
+    share : Quantity
+        Of the frames, in which the detector finds it.
     size_px : Quantity
         Longer side of its box.
     hue_deg : Quantity
@@ -42,7 +42,7 @@ class Grab:
         Boxes that were found, px.
     """
 
-    found: Quantity
+    share: Quantity
     size_px: Quantity
     hue_deg: Quantity
     paint_rgb: tuple[float, float, float] | None
