@@ -123,7 +123,7 @@ def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
         detector("any-grab")
 
 
-def test_refine_looks_again_around_its_own_box(tmp_path, monkeypatch):
+def test_refine_runs_again_around_its_own_box(tmp_path, monkeypatch):
     looks = GrabDetector(hand_made(tmp_path), Settings(least_heat=0.2, passes=3))
     around, refine = [], looks.refine
 
@@ -148,7 +148,7 @@ def test_centres_are_drawn_in_by_what_validation_showed(tmp_path):
     np.testing.assert_array_equal(drawn.box, told.box)
 
 
-def test_the_bundled_detector_puts_its_nets_together(tmp_path):
+def test_the_detector_combines_its_nets(tmp_path):
     found = detector(hand_made(tmp_path))(bright())
     assert found.found
     np.testing.assert_allclose(found.centre, [705, 405], atol=1)  # whole pixels of the crops
@@ -191,7 +191,7 @@ def test_a_grab_is_found_behind_three_hotter_places(tmp_path):
     np.testing.assert_allclose(found.centre, [705, 795], atol=65)
 
 
-def test_what_settle_says_is_turned_back_into_the_picture(tmp_path):
+def test_the_output_of_settle_is_turned_back_into_the_picture(tmp_path):
     found = detector(hand_made(tmp_path, yaw=0.5, aside=0.1))(bright())
     box = found.box
     away = 0.1 * LEVEL_ROOM * (box[2] - box[0])

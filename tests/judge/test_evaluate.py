@@ -227,7 +227,7 @@ def test_the_page_opens_in_a_browser(clean, swinging, tmp_path):
     assert [figure["kind"] for figure in told["figures"]] == ["svg", "svg"]
 
 
-def test_an_instrument_that_tells_angles_alone_is_judged_by_them(clean, swinging):
+def test_an_instrument_that_outputs_angles_alone_is_judged_by_them(clean, swinging):
     bare = tuple(
         Measurement(status="ok", alpha=m.alpha) if m.alpha is not None else Measurement(status="missed", reason="-")
         for m in clean.measurements

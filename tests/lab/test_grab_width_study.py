@@ -52,7 +52,7 @@ def test_made_up_tilts_pass_the_check_and_are_wrong(tmp_path):
     assert any("so it passes" in line for line in tell(found))
 
 
-def test_too_few_frames_are_told(tmp_path):
+def test_too_few_frames_are_refused(tmp_path):
     with pytest.raises(DatasetError, match="frames show a closed grab turned by less than"):
         study(synthetic(tmp_path, 5.0, frames=45))
     with pytest.raises(DatasetError, match="cannot read"):

@@ -204,7 +204,7 @@ class Says(torch.nn.Module):
 BOXES = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
 
 
-def test_settles_examples_show_what_they_say(dataset, tmp_path):
+def test_examples_of_settle_show_what_their_labels_state(dataset, tmp_path):
     row = datasets.read(dataset).rows[0]
     frames = [frame_of(row, box, tmp_path / f"{i}.png", mark=True) for i, box in enumerate(BOXES)]
     crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
@@ -436,7 +436,7 @@ def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
     assert evaluate.trust(seen[:3]).centre == 1.0
 
 
-def test_how_far_out_centres_are_told_is_measured_and_taken_back(dataset, tmp_path):
+def test_how_far_out_centres_are_predicted_is_measured_and_corrected(dataset, tmp_path):
     row, rng, seen = datasets.read(dataset).rows[0], np.random.default_rng(0), []
     for _ in range(400):
         centre, sd = rng.uniform((0, 0), (row.width_px, row.height_px)), float(rng.uniform(0.2, 2.0))
