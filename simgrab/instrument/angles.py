@@ -1,4 +1,4 @@
-"""From what was seen to angles: the tilt from some of the frames, the swing in all of them."""
+"""Angles from observations: the tilt from some of the frames, the swing in all of them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class RecordArrays:
         return np.asarray(found & np.isfinite(self.rope.length) if rope else found)
 
 
-def seen(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
+def arrays(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
     """Put observations into arrays."""
     nothing = (np.nan, np.nan)
     timed = all(s.time_s is not None for s in observations)

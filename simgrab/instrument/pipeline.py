@@ -47,7 +47,7 @@ class MeasuredRecord:
 
     Attributes
     ----------
-    seen : RecordArrays
+    arrays : RecordArrays
     measurements : tuple of n Measurement
     estimate : Estimate or None
         Of the tilt, and why there is none; None where it was given.
@@ -55,7 +55,7 @@ class MeasuredRecord:
         What the swings were computed with; None where there was none.
     """
 
-    seen: RecordArrays
+    arrays: RecordArrays
     measurements: tuple[Measurement, ...]
     estimate: Estimate | None
     tilt: Known | None
@@ -166,9 +166,9 @@ class Pipeline:
         return self.conclude(observations, calibration)
 
     def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> MeasuredRecord:
-        """Make angles of what was seen."""
+        """Estimate angles from a record of observations."""
         estimator = self.chosen(calibration)
-        record = angles.seen(observations, rope(observations, calibration, self.bridge))
+        record = angles.arrays(observations, rope(observations, calibration, self.bridge))
         if self.tilt is not None:
             alpha, ends = angles.by_tilt(record, self.tilt, calibration)
             return MeasuredRecord(record, angles.measurements(record, alpha, ends), None, self.tilt)
@@ -209,7 +209,7 @@ class Pipeline:
             if tracker is None and self.tilt is None and now >= due:
                 found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
                 tilt, due = (known(found) if found.ok else tilt), now + AGAIN_S
-            newest = angles.seen(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
+            newest = angles.arrays(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
             if tracker is not None:
                 alpha, ends = tracker.step(frame.time_s, observations[-1].centre, lengths[-1])
                 (measured,) = angles.measurements(newest, np.array([alpha]), np.array([ends]), tracker.waiting)
@@ -273,11 +273,11 @@ def _recent(observations: Sequence[Observation]) -> list[Observation]:
 
 
 def _whole(observations: Sequence[Observation], lengths: Sequence[float]) -> RecordArrays:
-    return angles.seen(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
+    return angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
 
 
 def bundled() -> Pipeline:
-    """Make the bundled instrument: the bundled detector and reader, and the default estimator on the whole record."""
+    """Make the bundled instrument: the default detector and reader, and the default estimator on the whole record."""
     return assemble()
 
 

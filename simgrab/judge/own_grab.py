@@ -68,7 +68,7 @@ class Understood:
         jpeg = encode(self.turntable[..., ::-1], "jpeg", 90)
         folder.mkdir(parents=True, exist_ok=True)
         write(folder / PICTURE, jpeg)
-        write(folder / PAGE, html.page("grab.html", name=name, found=self, jpeg=jpeg).encode())
+        write(folder / PAGE, html.page("grab.html", name=name, grab=self, jpeg=jpeg).encode())
 
 
 def scene_of(file: str | Path, changes: dict[str, object] | None = None) -> Scenario:

@@ -62,7 +62,7 @@ def test_a_replication_depends_on_its_number_alone(clear):
 
 def test_all_points_share_their_draws(clear, watched):
     np.testing.assert_array_equal(watched.truth[0], clear.alpha[1])
-    assert not np.array_equal(watched.seen.pixels, clear.pixels[1], equal_nan=True)  # but are not seen alike
+    assert not np.array_equal(watched.arrays.pixels, clear.pixels[1], equal_nan=True)  # but are not seen alike
 
 
 def test_the_truth_obeys_the_papers_equation(watched):
@@ -88,7 +88,7 @@ def test_it_is_what_rendering_and_looking_give(watched, tmp_path):
     assert watched.calibration == camera
     seen = list(observe(open_source(tmp_path / "set"), pipeline.detector, pipeline.reader, camera))
     assert [(s.centre, s.rope_text, s.score) for s in seen] == [
-        (s.centre, s.rope_text, s.score) for s in watched.seen.observations
+        (s.centre, s.rope_text, s.score) for s in watched.arrays.observations
     ]
 
 
