@@ -170,7 +170,8 @@ const texts = (column, panels) => {
   const name = column.name;
   const input = make("input", { type: "search", placeholder: "contains…", maxlength: 200,
     "aria-label": `${name} contains` });
-  input.addEventListener("input", debounced(() => panels.changed(name, input.value ? { text: input.value } : null), 250));
+  const filter = () => panels.changed(name, input.value ? { text: input.value } : null);
+  input.addEventListener("input", debounced(filter, 250));
   const update = () => {
     if (document.activeElement !== input) input.value = panels.table.filters.get(name)?.text ?? "";
   };
