@@ -24,7 +24,7 @@ from scripts.background_photographs import SCENE, prepare, prepare_collages
 from simgrab.cli import main as run
 from simgrab.cli._progress import drawing
 from simgrab.dataset.render import render
-from simgrab.instrument.detect import ANY_GRAB, WEIGHTS
+from simgrab.instrument.detect import GENERIC, WEIGHTS
 from simgrab.io.files import drafted, drafted_folder
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
@@ -284,7 +284,7 @@ def main(
         if name == "reader":
             nets, target = reader(work, quick=quick, workers=workers), out
         else:
-            target = out / ANY_GRAB
+            target = out / GENERIC
             begin = copied((start or WEIGHTS) if name == "detector" else target, work / f"before-{name}")
             nets = DETECTS[name](
                 work, quick=quick, start=begin, workers=workers, threads=threads, device=device, loaders=loaders

@@ -30,7 +30,7 @@ from scripts.foreign.worlds import DEFAULT_FAMILY, PICTURES, SEEDS, World
 from scripts.score_detector import WIDTH, boxes_table, centres_table
 from simgrab.cli import main as run
 from simgrab.dataset import preview
-from simgrab.dataset.record import Record
+from simgrab.dataset.record import FrameRecord
 from simgrab.errors import RendererError, ScenarioError
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.detect import detector as opened
@@ -76,7 +76,7 @@ def score(root: Path, worlds: Sequence[World], nets: Mapping[str, Detector]) -> 
     cases = dict[str, dict[str, list[detection.Case]]]()
     for world, (geometry, names) in itertools.product(done, PICTURES.items()):
         folder = root / world.name
-        row = msgspec.json.decode(truth(folder, geometry).read_bytes(), type=Record).truth
+        row = msgspec.json.decode(truth(folder, geometry).read_bytes(), type=FrameRecord).truth
         labelled = labels.is_labelled(row, Labels().least_visible_fraction)
         for name, (key, net) in itertools.product(names, nets.items()):
             if key != "bundled" or world.family == DEFAULT_FAMILY:

@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.detect import BUNDLED, Bundled, detector
+from simgrab.instrument.detect import FOUR_ROPE, GrabDetector, detector
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array
 from simgrab.model.rng import stream
@@ -220,10 +220,10 @@ def examine(find: Any, photograph: Photograph, count: int, keep: Path | None) ->
     result = []
     for i, (scale, frame) in enumerate(crops(photograph, count)):
         found, heat = find(frame), 0.0
-        if isinstance(find, Bundled):
+        if isinstance(find, GrabDetector):
             heat = max((candidate.heat for candidate in find.candidates(frame)), default=0.0)
         box = tuple(map(float, found.box)) if found.found else None
-        candidate = isinstance(find, Bundled) and heat >= find.settings.least_heat
+        candidate = isinstance(find, GrabDetector) and heat >= find.settings.least_heat
         result.append(Crop(photograph.name, scale, frame.shape[1], found.score, box, candidate))
         if box and keep:
             shown, (x0, y0, x1, y1) = frame[..., ::-1].copy(), map(round, box)
@@ -271,7 +271,7 @@ def summary(found: Sequence[Crop]) -> dict[str, Any]:
 
 @click.command(help=(__doc__ or "").partition("\n")[0])
 @click.option("--crops", "count", default=150, show_default=True, help="Crops of each photograph.")
-@click.option("--detector", "name", default=BUNDLED, show_default=True)
+@click.option("--detector", "name", default=FOUR_ROPE, show_default=True)
 @click.option("--cache", type=click.Path(path_type=Path), default=Path("build/photographs"), show_default=True)
 @click.option("--keep", type=click.Path(path_type=Path), help="Folder for the frames with a box.")
 @click.option("--json", "out", type=click.Path(path_type=Path), help="File for the figures.")

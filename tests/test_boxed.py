@@ -263,7 +263,7 @@ def test_the_grabs_class_is_chosen(tmp_path, make):
         ("images/val/frame_000812.jpg", "images/val"), ("a.b-3.jpg", "a.b"),
     ],
 )  # fmt: skip
-def test_a_video_is_told_by_folder_or_name(file, video):
+def test_a_video_is_identified_by_folder_or_name(file, video):
     assert boxed.video_of(file) == video
 
 
@@ -304,7 +304,7 @@ def test_named_splits_are_kept_and_a_video_in_two_is_refused(tmp_path):
     assert not boxed.read(tmp_path / "yaml").named
 
 
-def test_videos_of_several_datasets_are_told_apart(tmp_path):
+def test_videos_of_several_datasets_are_distinguished(tmp_path):
     paths = [as_yolo(tmp_path / name, ["a/1.png"]) for name in ("x", "y")]
     assert [one.rows[0].video for one in boxed.read_all(paths)] == [f"{path}: a" for path in paths]
     assert boxed.read_all(paths[:1])[0].rows[0].video == "a"

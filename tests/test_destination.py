@@ -127,7 +127,7 @@ def test_verbs_refuse_a_place_before_they_compute(verb, place, here, monkeypatch
     assert everything(here) == before
 
 
-def test_the_second_of_two_runs_is_told_of_the_first(tmp_path):
+def test_the_second_of_two_runs_is_refused(tmp_path):
     def second():
         with runs.making(tmp_path / "out") as folder:
             (folder / "mine").touch()

@@ -169,7 +169,7 @@ def test_a_picture_that_is_too_large_is_refused_by_its_header(tmp_path, size):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kinds_header_tells_its_size(tmp_path, kind, monkeypatch):
+def test_every_kinds_header_states_its_size(tmp_path, kind, monkeypatch):
     monkeypatch.setattr("simgrab.io.pictures.MOST_SIDE", 40)
     assert "48 x 36 px" in refused(tmp_path / "a", cv2.imencode(kind, rgb())[1].tobytes())
 

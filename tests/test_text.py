@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from simgrab import cli, text
-from simgrab.dataset.datasets import Data
+from simgrab.dataset.datasets import DatasetIdentity
 from simgrab.errors import MOST_CHARACTERS, SimgrabError
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.detect import pictures as detections
@@ -156,11 +156,14 @@ def test_cards_show_names_as_text(name):
     card_of_nets = pytest.importorskip("simgrab.training.card")
     Card, markdown = card_of_nets.Card, card_of_nets.markdown
     card = Card(
-        name="find", task="Finds.", data=(Data(name, "d1", "d2", 0, 800),), examples=640, recipe={}, epochs=3,
-        seconds=90.0, metrics={"recall": 0.9, "by_weather": {name: {name: 1.0}}},
+        name="find", task="Finds.", data=(DatasetIdentity(name, "d1", "d2", 0, 800),), examples=640, recipe={},
+        epochs=3, seconds=90.0, metrics={"recall": 0.9, "by_weather": {name: {name: 1.0}}},
     )  # fmt: skip
     lines = markdown(card.to_dict(b"weights")).splitlines()
-    data, metrics = (Data("plain", "d1", "d2", 0, 800),), {"recall": 0.9, "by_weather": {"plain": {"plain": 1.0}}}
+    data, metrics = (
+        (DatasetIdentity("plain", "d1", "d2", 0, 800),),
+        {"recall": 0.9, "by_weather": {"plain": {"plain": 1.0}}},
+    )
     plain = markdown(Card(**vars(card) | {"data": data, "metrics": metrics}).to_dict(b"weights")).splitlines()
     assert len(lines) == len(plain)
     for line, other in zip(lines, plain, strict=True):

@@ -43,7 +43,7 @@ def test_draws_follow_their_laws():
     assert all(v.scenario.place.fill == 0.2 for v in every if isinstance(v.scenario.place, Hold))
 
 
-def test_what_is_drawn_is_told_by_name_or_value():
+def test_what_is_drawn_is_recorded_by_name_or_value():
     one = variant(varied(), 7)
     assert one.number == 3
     drawn = json.loads(one.varied)

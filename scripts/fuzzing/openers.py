@@ -146,7 +146,7 @@ def study(target: Path, _corpus: Path) -> None:
     given = {key: value for key, value in found.given.items() if key != "n"}
     short = msgspec.structs.replace(found, n=20, given=given)
     if short.kind == "estimators" and short.depth == "geometric" and all(s.axis != "n" for s in short.axes):
-        geometric.draw(geometric.settle(short, short.points[0]), short.seed, [0])
+        geometric.draw(geometric.prepare(short, short.points[0]), short.seed, [0])
 
 
 def run(target: Path, corpus_folder: Path) -> None:

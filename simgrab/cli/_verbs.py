@@ -28,7 +28,7 @@ VERBS = {
     "studio": ("simgrab.pages.cli.studio:command", "Edit a scene in the browser."),
     "train": ("simgrab.training.cli.train:command", "Train the instrument's networks."),
 }
-"""A command of a room that is not installed is left out: its module's package, ``simgrab.ROOM``, tells."""
+"""A command is left out where its room, the package ``simgrab.ROOM`` of its module, is not installed."""
 
 
 class Verbs(click.Group):

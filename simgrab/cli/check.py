@@ -50,7 +50,7 @@ def command(
     check_folder(place, SuiteError)
     sys.path.insert(0, str(Path.cwd()))  # a pipeline under test lies where one works
     with steps(shown=not (quiet or as_json)) as progress:
-        options = gate.Options(instrument, baseline, seed, cache or default(), workers, cluster, progress)
+        options = gate.CheckOptions(instrument, baseline, seed, cache or default(), workers, cluster, progress)
         result = gate.record(found, options, seeds) if update else gate.check(found, options)
     report.save(result, place)
     for note in result.notes if quiet else ():

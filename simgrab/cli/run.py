@@ -76,17 +76,18 @@ def command(
     import json
 
     from simgrab.cli._progress import bar
+    from simgrab.instrument.detect import FOUR_ROPE
     from simgrab.instrument.pipeline import assemble
-    from simgrab.instrument.run.run import Options, run
+    from simgrab.instrument.run.run import RunOptions, run
     from simgrab.instrument.run.runs import alarms
-    from simgrab.instrument.run.subject import BUNDLED, open_instrument
+    from simgrab.instrument.run.subject import open_instrument
     from simgrab.instrument.run.table import HEAD, beside_paper, held, measured
     from simgrab.instrument.source import camera_beside
     from simgrab.reports.terminal import cell, stdout, table
 
     chosen: Instrument
     if instrument is not None:
-        if detector_name != BUNDLED or any((estimator, calibrate, calibration, imu, live)):
+        if detector_name != FOUR_ROPE or any((estimator, calibrate, calibration, imu, live)):
             raise click.UsageError(
                 "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration, --imu or "
                 "--live."
@@ -97,7 +98,7 @@ def command(
         chosen = assemble(
             detector=detector_name, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu
         )
-    options = Options(live=live, video=not no_video, rate_hz=rate)
+    options = RunOptions(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:
         found = run(source, camera or camera_beside(source), out, chosen, options, progress)
     if as_json:

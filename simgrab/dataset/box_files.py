@@ -29,7 +29,7 @@ SPLIT_NAMES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Image:
+class BoxedImage:
     """An image and its boxes.
 
     Attributes
@@ -47,7 +47,7 @@ class Image:
     size : tuple of 2 numbers, optional
         Width and height that the labels state, px.
     crowds : frozenset of str
-        Classes of which a region shows several that are not told apart.
+        Classes of which a region shows several that are not distinguished.
     """
 
     file: str
@@ -60,15 +60,15 @@ class Image:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class BoxDataset:
     """A parsed dataset: its folder, its classes, and its images by file."""
 
     root: Path
     classes: tuple[str, ...]
-    images: tuple[Image, ...]
+    images: tuple[BoxedImage, ...]
 
 
-def parse(path: Path) -> Layout:
+def parse(path: Path) -> BoxDataset:
     """Parse a folder, a ``data.yaml`` or a COCO file. A folder with a ``data.yaml`` is YOLO's.
 
     Raises
@@ -107,7 +107,7 @@ _OUTSIDE = 0.01  # of the image, by which rounding may put a box or a point outs
 _SKEW = 0.005  # of the image, by which rounding may bend a parallelogram
 
 
-def _yolo(root: Path, description: Path | None) -> Layout:
+def _yolo(root: Path, description: Path | None) -> BoxDataset:
     """Parse images with text labels. An image without a label file, or with an empty one, shows no class."""
     about = {} if description is None else _description(description)
     names, key_points = _names(about, description), _key_points(about, description)
@@ -129,14 +129,14 @@ def _yolo(root: Path, description: Path | None) -> Layout:
     if key_points is None and about.get("task") not in _TASKS_OF_POLYGONS:
         _refuse_key_points([numbers for some in lines.values() for _, numbers in some], root)
     images = [
-        Image(
+        BoxedImage(
             file.relative_to(root).as_posix(), unique[file], str(text),
             tuple((name, _box(numbers, key_points)) for name, numbers in lines.get(file, ())), shares=True,
         )
         for file, text in texts.items()
     ]  # fmt: skip
     used = {name for some in lines.values() for name, _ in some}
-    return Layout(root, tuple(names.values()) if names else tuple(sorted(used)), tuple(images))
+    return BoxDataset(root, tuple(names.values()) if names else tuple(sorted(used)), tuple(images))
 
 
 def _description(path: Path) -> dict[str, Any]:
@@ -362,9 +362,9 @@ def _matching(folder: Path, pattern: str) -> list[Path]:
     return sorted(path for path in folder.glob(pattern) if is_visible(path, folder))
 
 
-def _coco(root: Path, paths: list[Path]) -> Layout:
+def _coco(root: Path, paths: list[Path]) -> BoxDataset:
     """Parse COCO files, of one split each, as far as their names or their folders' name one."""
-    images, classes = dict[str, Image](), dict[str, None]()
+    images, classes = dict[str, BoxedImage](), dict[str, None]()
     for path in paths:
         known = _instances(path)
         classes |= dict.fromkeys(category.name for category in known.categories)
@@ -372,7 +372,7 @@ def _coco(root: Path, paths: list[Path]) -> Layout:
             if image.file in images:
                 raise DatasetError(f"{path}: {image.file} is an image of {images[image.file].where} too")
             images[image.file] = image
-    return Layout(root, tuple(classes), tuple(image for _, image in sorted(images.items())))
+    return BoxDataset(root, tuple(classes), tuple(image for _, image in sorted(images.items())))
 
 
 def _instances(path: Path) -> _Coco:
@@ -383,7 +383,7 @@ def _instances(path: Path) -> _Coco:
         raise DatasetError(f"{path}: not readable COCO labels ({one_line(problem)})") from None
 
 
-def _coco_images(root: Path, path: Path, known: _Coco) -> Iterator[Image]:
+def _coco_images(root: Path, path: Path, known: _Coco) -> Iterator[BoxedImage]:
     names, images = _by_id(known.categories, f"{path}: category"), _by_id(known.images, f"{path}: image")
     boxes: dict[str, list[tuple[str, Array]]] = {key: [] for key in images}
     crowds: dict[str, set[str]] = {key: set() for key in images}
@@ -400,7 +400,7 @@ def _coco_images(root: Path, path: Path, known: _Coco) -> Iterator[Image]:
     for key, about in images.items():
         file = _coco_file(root, path, about.file_name)
         size = None if about.width is None or about.height is None else (about.width, about.height)
-        yield Image(
+        yield BoxedImage(
             file.relative_to(root).as_posix(), _coco_split(root, path), f"{path}: image {shown(about.file_name)}",
             tuple(boxes[key]), shares=False, size=size, crowds=frozenset(crowds[key]),
         )  # fmt: skip

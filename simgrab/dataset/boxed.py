@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 import msgspec
 import numpy as np
 
-from simgrab.dataset.box_files import SPLIT_NAMES, Image, Layout, parse
+from simgrab.dataset.box_files import SPLIT_NAMES, BoxDataset, BoxedImage, parse
 from simgrab.errors import DatasetError
 from simgrab.io import pictures
 from simgrab.io.parse import read_bytes, shown
@@ -171,7 +171,7 @@ def _named(rows: Sequence[Boxed], path: Path) -> Mapping[str, str]:
     return found
 
 
-def _grabs(layout: Layout, wanted: Collection[str], path: Path) -> set[str]:
+def _grabs(layout: BoxDataset, wanted: Collection[str], path: Path) -> set[str]:
     """Choose the classes that are the grab."""
     known = ", ".join(map(shown, layout.classes))
     if wanted:
@@ -183,7 +183,7 @@ def _grabs(layout: Layout, wanted: Collection[str], path: Path) -> set[str]:
     return set(layout.classes)
 
 
-def _row(layout: Layout, image: Image, wanted: set[str], number: int) -> Boxed:
+def _row(layout: BoxDataset, image: BoxedImage, wanted: set[str], number: int) -> Boxed:
     """Make a row of an image, once it is decoded."""
     file = layout.root / image.file
     data = read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES)
@@ -208,7 +208,7 @@ def _row(layout: Layout, image: Image, wanted: set[str], number: int) -> Boxed:
     )  # fmt: skip
 
 
-def _inside(box: Array, width: int, height: int, image: Image) -> list[float]:
+def _inside(box: Array, width: int, height: int, image: BoxedImage) -> list[float]:
     """Clip what rounding leaves outside of the picture; refuse a box that is none or lies outside."""
     size = np.array([width, height] * 2, float)
     clipped = np.clip(box, 0, size)

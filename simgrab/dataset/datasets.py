@@ -71,13 +71,13 @@ class Manifest(msgspec.Struct, frozen=True):
     files: dict[str, str] = {}
     shards: ShardCounts | None = None
 
-    def data(self, labels_sha256: str, frames: int) -> Data:
+    def data(self, labels_sha256: str, frames: int) -> DatasetIdentity:
         """Name a dataset."""
-        return Data(self.scenario.name, self.digest, labels_sha256, self.seed, frames)
+        return DatasetIdentity(self.scenario.name, self.digest, labels_sha256, self.seed, frames)
 
 
 @dataclass(frozen=True)
-class Data:
+class DatasetIdentity:
     """What names a dataset.
 
     Attributes
@@ -96,7 +96,7 @@ class Data:
     frames: int
 
 
-class Files(Protocol):
+class DatasetFiles(Protocol):
     """Where a dataset keeps pictures and masks. Whatever cannot be read raises `DatasetError`."""
 
     def path(self, row: Row) -> Path | None:
@@ -134,7 +134,7 @@ class LabelledFrame(Labelled):
 
     truth: Row
     labelled: bool
-    _files: Files = field(repr=False, compare=False)
+    _files: DatasetFiles = field(repr=False, compare=False)
 
     @property
     def file(self) -> Path | None:
@@ -204,32 +204,32 @@ class _Folder:
         return str(self.masks.file(row.split))
 
 
-class Rows(Protocol):
+class RowStore(Protocol):
     """The rows of a dataset or of one of its splits, by frame, with where the files of each are."""
 
     def __len__(self) -> int: ...
 
-    def at(self, positions: range) -> Iterator[tuple[Row, Files]]:
+    def at(self, positions: range) -> Iterator[tuple[Row, DatasetFiles]]:
         """Give the rows at some positions, in that order."""
 
     def find(self, number: int) -> int:
         """Position of a frame; raises `KeyError` where it is not there."""
 
-    def split(self, name: str) -> Rows:
+    def split(self, name: str) -> RowStore:
         """Keep those of a split."""
 
 
 @dataclass(frozen=True)
 class FolderRows:
-    """The rows of ``labels.parquet``, all of them in memory, and files of a folder; see `Rows`."""
+    """The rows of ``labels.parquet``, all of them in memory, and files of a folder; see `RowStore`."""
 
     rows: tuple[Row, ...]
-    files: Files = field(repr=False, compare=False)
+    files: DatasetFiles = field(repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def at(self, positions: range) -> Iterator[tuple[Row, Files]]:  # noqa: D102
+    def at(self, positions: range) -> Iterator[tuple[Row, DatasetFiles]]:  # noqa: D102
         return ((self.rows[position], self.files) for position in positions)
 
     def find(self, number: int) -> int:  # noqa: D102
@@ -253,16 +253,16 @@ class Dataset(Sequence[LabelledFrame]):
     ----------
     store : Store
         Where its files lie.
-    data : Data
+    data : DatasetIdentity
         What names it.
     least_visible_fraction : float
         From which on the dataset's detection labels hold a box.
     """
 
     store: Store
-    data: Data
+    data: DatasetIdentity
     least_visible_fraction: float
-    _rows: Rows = field(repr=False)
+    _rows: RowStore = field(repr=False)
     _positions: range = field(repr=False)  # among these rows
 
     @property
@@ -301,7 +301,7 @@ class Dataset(Sequence[LabelledFrame]):
     def _frame(self, position: int) -> LabelledFrame:
         return self._labelled(*next(self._rows.at(range(position, position + 1))))
 
-    def _labelled(self, row: Row, files: Files) -> LabelledFrame:
+    def _labelled(self, row: Row, files: DatasetFiles) -> LabelledFrame:
         return LabelledFrame(row, self.is_labelled(row), files)
 
     def frame(self, number: int) -> LabelledFrame:
@@ -414,7 +414,7 @@ def read(path: str | Path) -> Dataset:
 
 
 def in_folder(
-    path: Path, rows: tuple[Row, ...], data: Data, least_visible_fraction: float, masks: MaskFiles
+    path: Path, rows: tuple[Row, ...], data: DatasetIdentity, least_visible_fraction: float, masks: MaskFiles
 ) -> Dataset:
     """Make the dataset of rows whose pictures lie in a folder."""
     found = FolderRows(rows, _Folder(path, masks))

@@ -21,7 +21,7 @@ from simgrab.dataset import manifest, preview, sensor_files, shards, tables
 from simgrab.dataset import shard_reader as sharded
 from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
 from simgrab.dataset.shards import Packed
-from simgrab.dataset.tables import Coco, Labels
+from simgrab.dataset.tables import Coco, LabelWriter
 from simgrab.errors import DatasetError
 from simgrab.io import files
 from simgrab.io.destination import check_new_folder
@@ -40,7 +40,7 @@ _HF_GROUP_ROWS = 64  # pictures and all, in memory at once
 
 
 @dataclass(frozen=True)
-class Source:
+class ExportSource:
     """A dataset that is exported.
 
     Attributes
@@ -123,7 +123,7 @@ def export(
         raise DatasetError(f"cannot write {out}: {problem.strerror or problem}") from None
 
 
-def _source(dataset: Dataset, shard_frames: int | None, *, part: bool) -> Source:
+def _source(dataset: Dataset, shard_frames: int | None, *, part: bool) -> ExportSource:
     if not dataset.is_whole:
         if not part:
             raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order, or part=True")
@@ -148,7 +148,7 @@ def _source(dataset: Dataset, shard_frames: int | None, *, part: bool) -> Source
         if name not in listed:
             raise DatasetError(f"{where}: it lists no {name}, which the scenario's sensors have")
         carried[name] = str(listed[name])
-    return Source(dataset, scenario, core, rendered_by, each, carried)
+    return ExportSource(dataset, scenario, core, rendered_by, each, carried)
 
 
 def _check_part(dataset: Dataset) -> None:
@@ -159,7 +159,7 @@ def _check_part(dataset: Dataset) -> None:
         raise DatasetError("a part must hold frames, in the order of the dataset")
 
 
-def _write(source: Source, store: Store, format: str, progress: Progress | None) -> None:
+def _write(source: ExportSource, store: Store, format: str, progress: Progress | None) -> None:
     total = len(source.dataset)
     for name, digest in source.sensors.items():
         data = source.dataset.store.read(name, most_bytes=MOST_SENSOR_BYTES)
@@ -174,13 +174,13 @@ def _write(source: Source, store: Store, format: str, progress: Progress | None)
 
 
 @contextlib.contextmanager
-def _rows(source: Source, store: Store) -> Iterator[Callable[[Row], None]]:
+def _rows(source: ExportSource, store: Store) -> Iterator[Callable[[Row], None]]:
     """Write ``labels.parquet`` and ``camera.toml``, and at the end the manifest."""
     schema = tables.with_identity(tables.labels_schema(), source.core)
     with (
         store.writing(LABELS) as path,
         path.open("wb") as file,
-        closing(Labels(file, schema)) as labels,
+        closing(LabelWriter(file, schema)) as labels,
     ):
         yield lambda row: labels.add(msgspec.structs.asdict(row))
     digests = dict(source.sensors)
@@ -192,7 +192,7 @@ def _rows(source: Source, store: Store) -> Iterator[Callable[[Row], None]]:
 
 
 @contextlib.contextmanager
-def _yolo(source: Source, store: Store) -> Iterator[Add]:
+def _yolo(source: ExportSource, store: Store) -> Iterator[Add]:
     with _rows(source, store) as add_row:
 
         def add(frame: LabelledFrame) -> None:
@@ -206,7 +206,7 @@ def _yolo(source: Source, store: Store) -> Iterator[Add]:
 
 
 @contextlib.contextmanager
-def _coco(source: Source, store: Store) -> Iterator[Add]:
+def _coco(source: ExportSource, store: Store) -> Iterator[Add]:
     with _rows(source, store) as add_row, ExitStack() as stack:
         instances = dict[str, Coco]()
         for split in source.dataset.splits:
@@ -223,7 +223,7 @@ def _coco(source: Source, store: Store) -> Iterator[Add]:
 
 
 @contextlib.contextmanager
-def _voc(source: Source, store: Store) -> Iterator[Add]:
+def _voc(source: ExportSource, store: Store) -> Iterator[Add]:
     names: dict[str, list[str]] = {split: [] for split in source.dataset.splits}
     with _rows(source, store) as add_row:
 
@@ -265,7 +265,7 @@ def _voc_annotation(row: Row, file: str, *, labelled: bool) -> bytes:
 
 
 @contextlib.contextmanager
-def _webdataset(source: Source, store: Store) -> Iterator[Add]:
+def _webdataset(source: ExportSource, store: Store) -> Iterator[Add]:
     """Write shards, each when its frames are complete."""
     done: list[shards.Done] = []
     frames: list[LabelledFrame] = []  # whose pictures are read when they are written
@@ -289,7 +289,7 @@ def _webdataset(source: Source, store: Store) -> Iterator[Add]:
 
 
 @contextlib.contextmanager
-def _simgrab(source: Source, store: Store) -> Iterator[Add]:
+def _simgrab(source: ExportSource, store: Store) -> Iterator[Add]:
     with tables.tables_of(store, source.core, source.scenario) as write:
 
         def add(frame: LabelledFrame) -> None:
@@ -305,7 +305,7 @@ def _simgrab(source: Source, store: Store) -> Iterator[Add]:
 
 
 @contextlib.contextmanager
-def _hf(source: Source, store: Store) -> Iterator[Add]:
+def _hf(source: ExportSource, store: Store) -> Iterator[Add]:
     """Write Parquet files of pictures and labels, and the card that names the splits."""
     with _rows(source, store) as add_row:
         with ExitStack() as stack:
@@ -320,11 +320,11 @@ def _hf(source: Source, store: Store) -> Iterator[Add]:
 
 
 @contextlib.contextmanager
-def _hf_tables(source: Source, store: Store, split: str) -> Iterator[Add]:
+def _hf_tables(source: ExportSource, store: Store, split: str) -> Iterator[Add]:
     """Write the Parquet files of one split."""
     total = math.ceil(source.dataset.splits[split] / source.shard_frames)
     indices = itertools.count()
-    labels: Labels
+    labels: LabelWriter
     with ExitStack() as stack:
 
         def add(frame: LabelledFrame) -> None:
@@ -334,7 +334,7 @@ def _hf_tables(source: Source, store: Store, split: str) -> Iterator[Add]:
                 stack.close()  # completes the file before
                 name = f"data/{HF_SPLITS[split]}-{number:05d}-of-{total:05d}.parquet"
                 file = stack.enter_context(stack.enter_context(store.writing(name)).open("wb"))
-                labels = stack.enter_context(closing(Labels(file, _hf_schema(), _HF_GROUP_ROWS)))
+                labels = stack.enter_context(closing(LabelWriter(file, _hf_schema(), _HF_GROUP_ROWS)))
             labels.add(_hf_row(frame))
 
         yield add
@@ -367,7 +367,7 @@ def _hf_schema() -> pa.Schema:
     return pa.schema(fields, metadata={"huggingface": json.dumps(about)})
 
 
-def _hf_card(source: Source) -> str:
+def _hf_card(source: ExportSource) -> str:
     lines = ["---", "configs:", "- config_name: default", "  data_files:"]
     for split in source.dataset.splits:
         lines += [f"  - split: {HF_SPLITS[split]}", f"    path: data/{HF_SPLITS[split]}-*"]
@@ -389,7 +389,7 @@ def _files(frame: LabelledFrame) -> dict[str, bytes]:
     return {frame.truth.file: frame.content} | {names[kind]: data for kind, data in frame.buffers.items()}
 
 
-FORMATS: dict[str, Callable[[Source, Store], AbstractContextManager[Add]]] = {
+FORMATS: dict[str, Callable[[ExportSource, Store], AbstractContextManager[Add]]] = {
     "yolo": _yolo,
     "coco": _coco,
     "voc": _voc,

@@ -14,14 +14,14 @@ from simgrab.runtime import versions
 from simgrab.runtime.versions import Fingerprint
 
 
-def same_renderer(found: Fingerprint, first: Fingerprint | None, place: object) -> Fingerprint:
+def same_renderer(fingerprint: Fingerprint, first: Fingerprint | None, place: object) -> Fingerprint:
     """Refuse a renderer that is not the first one of a dataset's."""
-    if first is not None and found != first:
+    if first is not None and fingerprint != first:
         raise DatasetError(
-            f"{place} was started with {first}, and this is {found}: "
+            f"{place} was started with {first}, and this is {fingerprint}: "
             "choose another --out, or delete what one of them rendered"
         )
-    return found
+    return fingerprint
 
 
 def identity(scenario: Scenario, extensions: dict[str, Any] | None = None) -> dict[str, Any]:

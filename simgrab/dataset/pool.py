@@ -26,8 +26,8 @@ from simgrab.world.trajectory.trajectory import Trajectory
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
 Tick = Callable[[], None]
-Frames = Sequence[int]
-Work = Callable[[FrameGenerator, Frames, Tick], T]
+FrameNumbers = Sequence[int]
+Work = Callable[[FrameGenerator, FrameNumbers, Tick], T]
 FRAMES_A_WORKER, WORLDS_A_WORKER = 150, 2
 WORLD_BYTES, PIXEL_BYTES, SAMPLE_BYTES = 1_500_000_000, 200, 24
 """What a process needs for a world and its textures, for each pixel of the picture, and for each of its samples."""
@@ -176,7 +176,7 @@ def vetted(
     return Vetted(seen, None, kept)
 
 
-def _vet(generator: FrameGenerator, frames: Frames, tick: Tick) -> Vetted:
+def _vet(generator: FrameGenerator, frames: FrameNumbers, tick: Tick) -> Vetted:
     found = vet(generator.recipe, generator.scenario.clip.of(frames[0]))
     tick()
     return replace(found, plan=None)
@@ -213,7 +213,7 @@ class Output(Protocol):
     def begun(self) -> bool:
         """Whether an earlier run found the recipe possible."""
 
-    def opened(self) -> AbstractContextManager[Sequence[Frames]]:
+    def opened(self) -> AbstractContextManager[Sequence[FrameNumbers]]:
         """Claim the place; gives the units that remain."""
 
     @property
@@ -237,8 +237,8 @@ def fill(
     known = None if output.begun else vetted(recipe, workers, checking, cluster=cluster)
     with output.opened() as units:
         frames = sum(map(len, units))
-        told = report(progress, recipe.scenario.frames - frames, recipe.scenario.frames)
-        rendering = map_items(recipe, known, units, output.work, workers=workers, cluster=cluster, progress=told)
+        advance = report(progress, recipe.scenario.frames - frames, recipe.scenario.frames)
+        rendering = map_items(recipe, known, units, output.work, workers=workers, cluster=cluster, progress=advance)
         with contextlib.closing(rendering):
             for made in rendering:
                 output.take(made)
@@ -249,7 +249,7 @@ def fill(
 def map_items(
     recipe: Recipe,
     known: Vetted | None,
-    units: Sequence[Frames],
+    units: Sequence[FrameNumbers],
     work: Work[T],
     *,
     workers: int,
@@ -299,7 +299,7 @@ def map_items(
             yield work(generator, unit, lambda: progress(next(counted)))
 
 
-def _named(order: tuple[Frames, object]) -> str:
+def _named(order: tuple[FrameNumbers, object]) -> str:
     frames, _ = order
     return f"frame {frames[0]}" if len(frames) == 1 else f"frames {frames[0]} to {frames[-1]}"
 
@@ -317,7 +317,7 @@ def _open(recipe: Recipe, threads: int | None) -> None:
     _generator = FrameGenerator(recipe)
 
 
-def _serve(work: Work[T], order: tuple[Frames, dict[int, Projection]]) -> T:
+def _serve(work: Work[T], order: tuple[FrameNumbers, dict[int, Projection]]) -> T:
     assert _generator is not None
     unit, _generator.projections = order
     return work(_generator, unit, tick)

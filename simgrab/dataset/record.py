@@ -15,7 +15,7 @@ from simgrab.runtime.versions import Fingerprint
 MOST_RECORD_BYTES = 2**24
 
 
-class Record(msgspec.Struct, frozen=True):
+class FrameRecord(msgspec.Struct, frozen=True):
     """What is known of a stored frame.
 
     Attributes
@@ -36,11 +36,11 @@ def unit(frame: int) -> str:
     return f"{frame:08d}.json"
 
 
-def known(journal: Journal, frame: int) -> Record:
+def known(journal: Journal, frame: int) -> FrameRecord:
     """Read the record of a finished frame."""
     name = journal.record(unit(frame))
     try:
-        return msgspec.json.decode(journal.store.read(name, most_bytes=MOST_RECORD_BYTES), type=Record)
+        return msgspec.json.decode(journal.store.read(name, most_bytes=MOST_RECORD_BYTES), type=FrameRecord)
     except (msgspec.DecodeError, ValueError, RecursionError) as problem:
         why = f"{type(problem).__name__}: {first_line(problem)}"
         raise DatasetError(
@@ -52,7 +52,7 @@ def known(journal: Journal, frame: int) -> Record:
 class StoredFrame:
     """A stored frame: its record, and its files by name."""
 
-    record: Record
+    record: FrameRecord
     files: dict[str, bytes]
 
     def keep(self, journal: Journal) -> None:

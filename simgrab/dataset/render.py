@@ -12,11 +12,11 @@ from typing import Any
 
 from simgrab.dataset import manifest, pool, preview, record, sensors, stored, tables
 from simgrab.dataset.datasets import MANIFEST
-from simgrab.dataset.pool import Frames, Progress, Tick, Work
+from simgrab.dataset.pool import FrameNumbers, Progress, Tick, Work
 from simgrab.dataset.record import StoredFrame
 from simgrab.dataset.shard_reader import table
 from simgrab.dataset.shards import Done, Packed, Shards, frames_of
-from simgrab.dataset.summary import Seen, Summary, Tally
+from simgrab.dataset.summary import Summary, Tally, TallyColumns
 from simgrab.dataset.video.render import Clips, ClipWork, files_of
 from simgrab.errors import DatasetError
 from simgrab.io import pictures
@@ -150,7 +150,7 @@ class _Folder:
         return remaining
 
     @contextmanager
-    def opened(self) -> Iterator[list[Frames]]:
+    def opened(self) -> Iterator[list[FrameNumbers]]:
         with ExitStack() as stack:
             stack.enter_context(self.journal.opened(self._core))
             clips = stack.enter_context(self._videos.opened()) if self._videos and self._films else []
@@ -161,12 +161,12 @@ class _Folder:
                 self._rendered_by = record.known(self.journal, min(done)).rendered_by
             yield self._clips(clips, missing) if self._films else self._groups(missing)
 
-    def _clips(self, unfinished: list[Frames], missing: Sequence[int]) -> list[Frames]:
+    def _clips(self, unfinished: list[FrameNumbers], missing: Sequence[int]) -> list[FrameNumbers]:
         scenario = self._recipe.scenario
         clips = {*map(scenario.clip.of, missing), *(scenario.clip.of(frames[0]) for frames in unfinished)}
         return [scenario.span(clip) for clip in sorted(clips)]
 
-    def _groups(self, missing: Sequence[int]) -> list[Frames]:
+    def _groups(self, missing: Sequence[int]) -> list[FrameNumbers]:
         clip_of, varies = self._recipe.scenario.clip.of, self._recipe.varies
         most = MOST_FETCHED if self._cluster is not None else 1
 
@@ -213,12 +213,12 @@ class _Folder:
 
     def summary(self, made: int) -> Summary:
         path, scenario = self.journal.folder, self._recipe.scenario
-        rows, _, _ = frame_files.read_rows(path, Seen)
+        rows, _, _ = frame_files.read_rows(path, TallyColumns)
         written = read_json(path / MANIFEST, DatasetError)
         return Summary.of(path, Tally.of(rows, scenario), scenario, made, written["renderer"]["fingerprint"])
 
 
-def _made(journal: Journal | None, generator: FrameGenerator, frames: Frames, tick: Tick) -> Any:
+def _made(journal: Journal | None, generator: FrameGenerator, frames: FrameNumbers, tick: Tick) -> Any:
     """Make frames: gives their renderer once they are stored, or, without a journal, the frames themselves."""
     made = []
     for frame in frames:
@@ -257,7 +257,7 @@ class _Shards:
         return remaining or len(self._done) < len(self._shards.spans)
 
     @contextmanager
-    def opened(self) -> Iterator[list[Frames]]:
+    def opened(self) -> Iterator[list[FrameNumbers]]:
         journal = self._shards.journal
         with journal.opened(self._identity):
             if journal.store.exists(MANIFEST):  # of a finished dataset that lost shards

@@ -23,7 +23,7 @@ import msgspec
 import pyarrow as pa
 
 from simgrab.dataset import datasets
-from simgrab.dataset.datasets import MANIFEST, Dataset, Files, FolderRows, Manifest, Rows
+from simgrab.dataset.datasets import MANIFEST, Dataset, DatasetFiles, FolderRows, Manifest, RowStore
 from simgrab.errors import DatasetError, first_line
 from simgrab.io import parquet, pictures
 from simgrab.io.parse import is_dir
@@ -183,7 +183,7 @@ class _Archives:
 
 @dataclass(frozen=True)
 class ShardRows:
-    """The rows of shards, read shard by shard; see `simgrab.dataset.datasets.Rows`.
+    """The rows of shards, read shard by shard; see `simgrab.dataset.datasets.RowStore`.
 
     Attributes
     ----------
@@ -211,7 +211,7 @@ class ShardRows:
     def __len__(self) -> int:
         return sum(self._counts)
 
-    def at(self, positions: range) -> Iterator[tuple[Row, Files]]:  # noqa: D102
+    def at(self, positions: range) -> Iterator[tuple[Row, DatasetFiles]]:  # noqa: D102
         for shard, places in itertools.groupby(map(self._at, positions), key=operator.itemgetter(0)):
             files, rows = self._shard(shard)
             yield from _ahead(files, [rows[rank] for _, rank in places])
@@ -227,7 +227,7 @@ class ShardRows:
                 return self._ends[shard] - self._counts[shard] + rank
         raise KeyError(number)
 
-    def split(self, name: str) -> Rows:  # noqa: D102
+    def split(self, name: str) -> RowStore:  # noqa: D102
         return replace(self, name=name) if self.name in (None, name) else FolderRows((), _Archives(self.store, {}))
 
     def _at(self, position: int) -> tuple[int, int]:
@@ -243,7 +243,7 @@ class ShardRows:
         return _Archives(self.store, found.places), rows
 
 
-def _ahead(files: _Archives, rows: Sequence[Row]) -> Iterator[tuple[Row, Files]]:
+def _ahead(files: _Archives, rows: Sequence[Row]) -> Iterator[tuple[Row, DatasetFiles]]:
     """Give rows of a shard whose pictures are read some megabytes at a time, once the first is asked for."""
     groups, latest = dict[int, _Group](), dict[str, _Group]()
     for row in rows:

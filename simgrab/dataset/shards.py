@@ -42,7 +42,7 @@ UNFINISHED = "unfinished.json"
 _ABOUT = "simgrab_shard"  # key of the labels' metadata
 
 
-class About(msgspec.Struct, frozen=True):
+class ShardMetadata(msgspec.Struct, frozen=True):
     """What a shard's labels state of it.
 
     Attributes
@@ -192,7 +192,7 @@ def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenari
                     rows.append((row, Place(name, *spot, mask["counts"] if mask else None)))
         for name, writer in writers.items():
             archives[name] = writer.close()
-    labels = _labels(rows, About(scenario.digest(), rendered_by, dict(sorted(archives.items()))))
+    labels = _labels(rows, ShardMetadata(scenario.digest(), rendered_by, dict(sorted(archives.items()))))
     store.write(shards.table(number), labels)
     tally = Tally.of((row for row, _ in rows), scenario)
     return Done(number, hashlib.sha256(labels).hexdigest(), rendered_by, tally)
@@ -268,7 +268,7 @@ def _described(row: Row, mask: dict[str, Any] | None) -> bytes:
     return msgspec.json.encode({"truth": row, "labelled": mask is not None, "mask": mask})
 
 
-def _labels(rows: list[tuple[Row, Place]], about: About) -> bytes:
+def _labels(rows: list[tuple[Row, Place]], about: ShardMetadata) -> bytes:
     """Write the labels of a shard as Parquet."""
     schema = tables.labels_schema()
     for name, (kind, text) in PLACE.items():
@@ -280,8 +280,8 @@ def _labels(rows: list[tuple[Row, Place]], about: About) -> bytes:
     return sink.getvalue()
 
 
-def _about(schema: pa.Schema, where: str) -> About:
+def _about(schema: pa.Schema, where: str) -> ShardMetadata:
     try:
-        return msgspec.json.decode((schema.metadata or {})[_ABOUT.encode()], type=About)
+        return msgspec.json.decode((schema.metadata or {})[_ABOUT.encode()], type=ShardMetadata)
     except (msgspec.DecodeError, KeyError, RecursionError, UnicodeDecodeError) as problem:
         raise DatasetError(f"{where}: not labels of a shard ({type(problem).__name__})") from None

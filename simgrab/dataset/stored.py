@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
-from simgrab.dataset.record import Record, StoredFrame
+from simgrab.dataset.record import FrameRecord, StoredFrame
 from simgrab.io.pictures import encode
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Iid
@@ -42,7 +42,7 @@ def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
     digest = hashlib.sha256(files[name]).hexdigest()
     row = Row(**msgspec.structs.asdict(frame.truth), split=part, file=name, image_sha256=digest)
     fingerprint = generator.scene(number).renderer.fingerprint
-    return StoredFrame(Record(row, run_length_mask(frame.grab, row), fingerprint), files)
+    return StoredFrame(FrameRecord(row, run_length_mask(frame.grab, row), fingerprint), files)
 
 
 def split(recipe: Recipe, frame: int) -> str:

@@ -16,7 +16,7 @@ MANY_CLAMPED = 0.25
 """Share of frames from which on clamping changes a distribution visibly."""
 
 
-class Seen(msgspec.Struct, frozen=True):
+class TallyColumns(msgspec.Struct, frozen=True):
     """The columns of labels that a `Tally` needs."""
 
     split: str
@@ -57,7 +57,7 @@ class Tally(msgspec.Struct, frozen=True):
     clamped: tuple[int, int] = (0, 0)
 
     @classmethod
-    def of(cls, rows: Iterable[Row | Seen], scenario: Scenario) -> Tally:
+    def of(cls, rows: Iterable[Row | TallyColumns], scenario: Scenario) -> Tally:
         """Count frames."""
         rows = list(rows)
         least = max(scenario.labels.least_visible_fraction, 1e-12)

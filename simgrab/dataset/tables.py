@@ -211,7 +211,7 @@ class Coco:
         self._file.write("], " + json.dumps({"categories": [category]})[1:])
 
 
-class Labels:
+class LabelWriter:
     """``labels.parquet``, or a table of the same columns and more.
 
     Parameters
@@ -288,7 +288,7 @@ def tables_of(
             return stack.enter_context(path.open("w", encoding="utf-8", newline=""))
 
         binary = stack.enter_context(stack.enter_context(store.writing(LABELS)).open("wb"))
-        labels = stack.enter_context(closing(Labels(binary, with_identity(labels_schema(), core))))
+        labels = stack.enter_context(closing(LabelWriter(binary, with_identity(labels_schema(), core))))
         coco = {split: stack.enter_context(closing(Coco(text(coco_name(split)), scenario))) for split in SPLITS}
         metadata: dict[str, Metadata] = {}
 

@@ -1,4 +1,4 @@
-"""From what was seen to angles: the tilt from some of the frames, the swing in all of them."""
+"""Angles from observations: the tilt from some of the frames, the swing in all of them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from simgrab.model.records.estimates import Estimate
 
 
 @dataclass(frozen=True)
-class Seen:
+class RecordArrays:
     """A record of n frames as arrays.
 
     Attributes
@@ -47,12 +47,12 @@ class Seen:
         return np.asarray(found & np.isfinite(self.rope.length) if rope else found)
 
 
-def seen(observations: Sequence[Observation], rope: Rope) -> Seen:
+def arrays(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
     """Put observations into arrays."""
     nothing = (np.nan, np.nan)
     timed = all(s.time_s is not None for s in observations)
     sd = np.array([s.centre_sd or (0.0, 0.0) for s in observations], float).reshape(-1, 2)
-    return Seen(
+    return RecordArrays(
         observations,
         np.array([s.time_s for s in observations], float) if timed else None,
         np.array([s.centre or nothing for s in observations], float).reshape(-1, 2),
@@ -61,7 +61,9 @@ def seen(observations: Sequence[Observation], rope: Rope) -> Seen:
     )
 
 
-def calibrate(record: Seen, calibration: Calibration, estimator: Estimator, until_s: float | None = None) -> Estimate:
+def calibrate(
+    record: RecordArrays, calibration: Calibration, estimator: Estimator, until_s: float | None = None
+) -> Estimate:
     """Estimate the tilt from a record, or from its first stretch of seconds."""
     some = record.usable(rope=estimator.needs_rope)
     if until_s is not None and record.time is not None and len(some):
@@ -74,7 +76,7 @@ def calibrate(record: Seen, calibration: Calibration, estimator: Estimator, unti
     )  # fmt: skip
 
 
-def by_estimate(record: Seen, estimator: Estimator, estimate: Estimate) -> tuple[Array, Array]:
+def by_estimate(record: RecordArrays, estimator: Estimator, estimate: Estimate) -> tuple[Array, Array]:
     """Swing (n,) and its intervals (n, 2) as the estimator itself gives them for the frames that it was given."""
     assert estimate.alpha is not None
     some = record.usable(rope=estimator.needs_rope)
@@ -87,7 +89,7 @@ def by_estimate(record: Seen, estimator: Estimator, estimate: Estimate) -> tuple
     return alpha, ends
 
 
-def by_tilt(record: Seen, tilt: Known, calibration: Calibration) -> tuple[Array, Array]:
+def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array]:
     """Swing (n,) and its intervals (n, 2) under a known tilt."""
     some = record.usable(rope=tilt.offset_m is not None)
     alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
@@ -99,12 +101,12 @@ def by_tilt(record: Seen, tilt: Known, calibration: Calibration) -> tuple[Array,
     return alpha, ends
 
 
-def measurements(record: Seen, alpha: Array, ends: Array, refused: str = "") -> tuple[Measurement, ...]:
+def measurements(record: RecordArrays, alpha: Array, ends: Array, refused: str = "") -> tuple[Measurement, ...]:
     """State of every frame whether there is a swing, and why not.
 
     Parameters
     ----------
-    record : Seen
+    record : RecordArrays
     alpha : ndarray, shape (n,)
         NaN where there is none.
     ends : ndarray, shape (n, 2)

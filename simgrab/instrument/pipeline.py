@@ -14,9 +14,9 @@ import numpy as np
 
 from simgrab.errors import RunError
 from simgrab.instrument import angles
-from simgrab.instrument.angles import Seen
+from simgrab.instrument.angles import RecordArrays
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.detect import BUNDLED, Detector
+from simgrab.instrument.detect import FOUR_ROPE, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, IntervalSettings
 from simgrab.instrument.estimate.follow import Known, known, load
@@ -42,12 +42,12 @@ WINDOW_S = 10.0  # of readings that a live one is compared with
 
 
 @dataclass(frozen=True)
-class Record:
+class MeasuredRecord:
     """What an instrument made of a record of n frames.
 
     Attributes
     ----------
-    seen : Seen
+    arrays : RecordArrays
     measurements : tuple of n Measurement
     estimate : Estimate or None
         Of the tilt, and why there is none; None where it was given.
@@ -55,7 +55,7 @@ class Record:
         What the swings were computed with; None where there was none.
     """
 
-    seen: Seen
+    arrays: RecordArrays
     measurements: tuple[Measurement, ...]
     estimate: Estimate | None
     tilt: Known | None
@@ -159,32 +159,34 @@ class Pipeline:
         self._check_sensors(sensors)
         return replace(self, estimator=InertialFusion(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
 
-    def record(self, frames: Iterable[Frame], calibration: Calibration) -> Record:
+    def record(self, frames: Iterable[Frame], calibration: Calibration) -> MeasuredRecord:
         """Measure a record, and return the tilt that was used."""
         self.chosen(calibration)
         observations = tuple(observe(ahead(frames), self.detector, self.reader, calibration))
         return self.conclude(observations, calibration)
 
-    def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> Record:
-        """Make angles of what was seen."""
+    def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> MeasuredRecord:
+        """Estimate angles from a record of observations."""
         estimator = self.chosen(calibration)
-        record = angles.seen(observations, rope(observations, calibration, self.bridge))
+        record = angles.arrays(observations, rope(observations, calibration, self.bridge))
         if self.tilt is not None:
             alpha, ends = angles.by_tilt(record, self.tilt, calibration)
-            return Record(record, angles.measurements(record, alpha, ends), None, self.tilt)
+            return MeasuredRecord(record, angles.measurements(record, alpha, ends), None, self.tilt)
         if self.calibrate_s is not None and record.time is None:
             raise RunError("independent frames have no first part to calibrate on")
         estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
         if not estimate.ok:
             nothing = np.full((len(observations), 3), np.nan)
             refused = f"no tilt: {estimate.reason}"
-            return Record(record, angles.measurements(record, nothing[:, 0], nothing[:, 1:], refused), estimate, None)
+            return MeasuredRecord(
+                record, angles.measurements(record, nothing[:, 0], nothing[:, 1:], refused), estimate, None
+            )
         tilt = known(estimate)
         if self.calibrate_s is None:
             alpha, ends = angles.by_estimate(record, estimator, estimate)
         else:
             alpha, ends = angles.by_tilt(record, tilt, calibration)
-        return Record(record, angles.measurements(record, alpha, ends), estimate, tilt)
+        return MeasuredRecord(record, angles.measurements(record, alpha, ends), estimate, tilt)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
@@ -207,7 +209,7 @@ class Pipeline:
             if tracker is None and self.tilt is None and now >= due:
                 found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
                 tilt, due = (known(found) if found.ok else tilt), now + AGAIN_S
-            newest = angles.seen(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
+            newest = angles.arrays(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
             if tracker is not None:
                 alpha, ends = tracker.step(frame.time_s, observations[-1].centre, lengths[-1])
                 (measured,) = angles.measurements(newest, np.array([alpha]), np.array([ends]), tracker.waiting)
@@ -270,18 +272,18 @@ def _recent(observations: Sequence[Observation]) -> list[Observation]:
     return list(observations[kept:])
 
 
-def _whole(observations: Sequence[Observation], lengths: Sequence[float]) -> Seen:
-    return angles.seen(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
+def _whole(observations: Sequence[Observation], lengths: Sequence[float]) -> RecordArrays:
+    return angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
 
 
 def bundled() -> Pipeline:
-    """Make the bundled instrument: the bundled detector and reader, and the default estimator on the whole record."""
+    """Make the bundled instrument: the default detector and reader, and the default estimator on the whole record."""
     return assemble()
 
 
 def assemble(
     *,
-    detector: str | Path = BUNDLED,
+    detector: str | Path = FOUR_ROPE,
     estimator: str | None = None,
     calibrate_s: float | None = None,
     tilt: str | Path | None = None,

@@ -42,7 +42,7 @@ class Source(Protocol):
 
 
 @dataclass(frozen=True)
-class Files:
+class PictureFiles:
     """Picture files, read when their turn comes.
 
     Attributes
@@ -125,7 +125,7 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
         if rate_hz is not None:
             raise SourceError(f"{path}: {_RATE_IS_OF}; this is one picture")
         bits = pictures.bits((path,))
-        return Files(printable(path), (path,), (0.0,), path.parent, bits=bits, note=pictures.scaled(bits))
+        return PictureFiles(printable(path), (path,), (0.0,), path.parent, bits=bits, note=pictures.scaled(bits))
     return _untimed(Video(path, rate_hz), rate_hz)
 
 
@@ -136,7 +136,7 @@ def _refuse_empty(source: str | Path) -> None:
         raise SourceError("the source is empty: name a video, a stream's URL, a folder of pictures, or a dataset")
 
 
-def _folder(path: Path, rate_hz: float | None) -> Files:
+def _folder(path: Path, rate_hz: float | None) -> PictureFiles:
     files = pictures.of(path)
     if not files:
         raise SourceError(f"{path}: no pictures in it ({', '.join(pictures.SUFFIXES)})")
@@ -144,7 +144,7 @@ def _folder(path: Path, rate_hz: float | None) -> Files:
     times = tuple(i / rate for i in range(len(files)))
     bits = pictures.bits(files)
     note = "; ".join(filter(None, (pictures.scaled(bits), pictures.hidden(path))))
-    return Files(printable(path), files, times, path, bits=bits, note=note)
+    return PictureFiles(printable(path), files, times, path, bits=bits, note=note)
 
 
 def _untimed(video: Video | Stream, rate_hz: float | None) -> Source:
@@ -153,7 +153,7 @@ def _untimed(video: Video | Stream, rate_hz: float | None) -> Source:
     return video
 
 
-def _dataset(path: Path, rate_hz: float | None) -> Files:
+def _dataset(path: Path, rate_hz: float | None) -> PictureFiles:
     """Pictures of a dataset; its independent frames have no time."""
     if rate_hz is not None:
         raise SourceError(f"{printable(path)} is a dataset, whose labels hold the times; {_RATE_IS_OF}")
@@ -165,7 +165,7 @@ def _dataset(path: Path, rate_hz: float | None) -> Files:
             begin, clip = max((t for t in times if t is not None), default=0.0) + CLIP_GAP_S, row.clip
         times.append(None if row.time_s is None else begin + row.time_s)
     files = tuple(path / row.file for row in rows)
-    return Files(printable(path), files, tuple(times), path, labels_sha256)
+    return PictureFiles(printable(path), files, tuple(times), path, labels_sha256)
 
 
 def camera_beside(source: str | Path) -> Path:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from simgrab.io.models import Files, Model, remember
+from simgrab.io.models import ModelFile, ModelFiles, remember
 from simgrab.io.parse import Refuse, read_bytes
 
 FORMATS = ("ttf", "otf")
@@ -23,7 +23,7 @@ _EM = 64  # font size of the check
 _LARGEST = 4  # ems that a character may reach from the middle of its baseline
 
 
-def read(path: str | Path, refuse: Refuse) -> Model:
+def read(path: str | Path, refuse: Refuse) -> ModelFile:
     """Read a font, and keep it for `simgrab.io.models.recall`.
 
     Parameters
@@ -38,7 +38,7 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)}, refuse)
 
 
-def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> Model:
+def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile:
     """Keep a font of bytes, with the checks of `read`."""
     _check_name(name, refuse)
     if set(files) != {name} or len(files[name]) > MOST_BYTES:
@@ -49,7 +49,7 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> Model:
         raise refuse(f"{name}: is damaged, or not a scalable font") from None
     if missing:
         raise refuse(f"{name}: has no usable glyph for {' '.join(missing)}")
-    return remember(Model(name, Files(files)))
+    return remember(ModelFile(name, ModelFiles(files)))
 
 
 def sized(data: bytes | Path, size: int) -> ImageFont.FreeTypeFont:

@@ -2,7 +2,7 @@
 
 A model may name other files: buffers and textures of glTF, material libraries of OBJ and their textures. They are read
 from the model's own folder and from nowhere else, and the parser is given these bytes and no others. A picture or a
-material library that is not there is left out, and `Model.missing` names it.
+material library that is not there is left out, and `ModelFile.missing` names it.
 A scenario names a model by its file's name and the SHA-256 of its content; the bytes are kept here, in the process.
 """
 
@@ -37,7 +37,7 @@ MOST_NODES, MOST_LEVELS, MOST_MATERIALS = 2_000, 64, 100
 """Of a glTF file."""
 
 
-class Files(dict[str, bytes]):
+class ModelFiles(dict[str, bytes]):
     """Files by their paths, with slashes, relative to the model's folder."""
 
     def named(self, name: str, of: str) -> bytes | None:
@@ -52,21 +52,21 @@ def _places(name: str, of: str) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ModelFile:
     """A model's file and what it refers to.
 
     Attributes
     ----------
     name : str
         Of the model's own file.
-    files : Files
+    files : ModelFiles
         The model's own and those that it refers to, each by its path relative to the model's folder.
     missing : tuple of str
         Pictures and material libraries that it refers to and that are not in its folder.
     """
 
     name: str
-    files: Files
+    files: ModelFiles
     missing: tuple[str, ...] = ()
 
     @property
@@ -94,20 +94,20 @@ def copied(sha256: str) -> str:
     return f"grabs/{sha256[:12]}"
 
 
-_known: dict[tuple[str, str], Model] = {}
+_known: dict[tuple[str, str], ModelFile] = {}
 
 
-def remember(model: Model) -> Model:
+def remember(model: ModelFile) -> ModelFile:
     """Keep a model for `recall`."""
     return _known.setdefault((model.sha256, model.name), model)
 
 
-def find(sha256: str, name: str) -> Model | None:
+def find(sha256: str, name: str) -> ModelFile | None:
     """Give a model that was read in this process, or in the one that started it."""
     return _known.get((sha256, name))
 
 
-def recall(sha256: str, name: str, refuse: Refuse) -> Model:
+def recall(sha256: str, name: str, refuse: Refuse) -> ModelFile:
     """Give a model that a scenario names; refuses one that was not read."""
     model = find(sha256, name)
     if model is None:
@@ -117,7 +117,7 @@ def recall(sha256: str, name: str, refuse: Refuse) -> Model:
     return model
 
 
-def read(path: str | Path, refuse: Refuse) -> Model:
+def read(path: str | Path, refuse: Refuse) -> ModelFile:
     """Read a model with all that it refers to, and keep it for `recall`.
 
     Parameters
@@ -129,7 +129,7 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     """
     path = Path(path)
     _check_name(path.name, refuse)
-    files = Files({path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)})
+    files = ModelFiles({path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)})
     missing, waiting = list[str](), [path.name]
     while waiting:
         name = waiting.pop(0)
@@ -158,12 +158,12 @@ def _target(folder: Path, kind: str, places: list[str], refuse: Refuse) -> Path 
     return targets[-1] if there is None and kind == "buffer" else there  # and what is not there is refused
 
 
-def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse, missing: tuple[str, ...] = ()) -> Model:
+def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse, missing: tuple[str, ...] = ()) -> ModelFile:
     """Keep a model of bytes, with the checks of `read`."""
     _check_name(name, refuse)
     if name not in files or sum(map(len, files.values())) > MOST_BYTES or len(files) > MOST_FILES:
         raise refuse(f"{name}: is not a model of at most {MOST_BYTES >> 20} MiB and {MOST_FILES} files")
-    model = Model(name, Files(files), missing)
+    model = ModelFile(name, ModelFiles(files), missing)
     _check_counts(model, _about(name, refuse))
     return remember(model)
 
@@ -180,11 +180,11 @@ def _about(name: str, refuse: Refuse) -> Refuse:
     return lambda problem: refuse(f"{name}: {problem}")
 
 
-def inside(folder: Path, found: str, refuse: Refuse) -> Path:
+def inside(folder: Path, name: str, refuse: Refuse) -> Path:
     """Resolve the name of a file that may not leave a folder, by links neither."""
-    if _leaves(folder, found):
-        raise refuse(f"refers to {shown(found)}, which is outside its folder")
-    return folder / PurePosixPath(found.replace("\\", "/"))
+    if _leaves(folder, name):
+        raise refuse(f"refers to {shown(name)}, which is outside its folder")
+    return folder / PurePosixPath(name.replace("\\", "/"))
 
 
 def _leaves(folder: Path, found: str) -> bool:
@@ -308,7 +308,7 @@ def tables(content: Mapping[str, Any], name: str, refuse: Refuse) -> list[dict[s
     return entries
 
 
-def _check_counts(model: Model, refuse: Refuse) -> None:
+def _check_counts(model: ModelFile, refuse: Refuse) -> None:
     """Refuse a model that states more than there may be, before memory is taken for it."""
     data, vertices = model.data, 0
     match model.format:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from simgrab.errors import PictureError, first_line
 from simgrab.io import pictures
-from simgrab.io.models import MOST_BYTES, Files, Model, remember
+from simgrab.io.models import MOST_BYTES, ModelFile, ModelFiles, remember
 from simgrab.io.parse import Refuse, is_dir, read_bytes
 from simgrab.io.playback import Playback, aspect_of, open_video, squared, stream_of
 
@@ -37,7 +37,7 @@ _KEPT = 4  # photographs that stay decoded
 Picture = NDArray[np.uint8]
 
 
-def read(path: str | Path, refuse: Refuse) -> Model:
+def read(path: str | Path, refuse: Refuse) -> ModelFile:
     """Read a photograph, a video, or a folder's photographs, and keep them for `simgrab.io.models.recall`.
 
     Parameters
@@ -69,7 +69,7 @@ def read(path: str | Path, refuse: Refuse) -> Model:
     return of_files(path.name, files, refuse)
 
 
-def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> Model:
+def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile:
     """Keep photographs of bytes, with the checks of `read`."""
     if not files:
         raise refuse(f"{name} holds no photograph; they end in {', '.join('.' + ending for ending in PHOTOGRAPHS)}")
@@ -83,7 +83,7 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> Model:
         else:
             known = ", ".join(f".{ending}" for ending in (*PHOTOGRAPHS, *VIDEOS))
             raise refuse(f"{file}: must be a folder, or end in one of {known}")
-    return remember(Model(name, Files(files)))
+    return remember(ModelFile(name, ModelFiles(files)))
 
 
 class Sequence:
@@ -91,7 +91,7 @@ class Sequence:
 
     Parameters
     ----------
-    model : Model
+    model : ModelFile
     refuse : callable
 
     Attributes
@@ -100,7 +100,7 @@ class Sequence:
         Whether pictures follow each other in time.
     """
 
-    def __init__(self, model: Model, refuse: Refuse) -> None:
+    def __init__(self, model: ModelFile, refuse: Refuse) -> None:
         self._model, self._refuse = model, refuse
         self.is_video = _ending(model.name) in VIDEOS and model.name in model.files
         self._names = sorted(model.files)

@@ -169,7 +169,7 @@ def decode(data: bytes, path: Path | str, bits: int | None = None, *, half: bool
             if half:
                 image.draft("RGB", (image.width // 2, image.height // 2))
             image.load()
-        except Exception as problem:  # damage is told by any
+        except Exception as problem:  # of any kind where the file is damaged
             raise _damaged(path, problem) from None
         with suppress(Exception):  # EXIF may be damaged, and the picture sound
             ImageOps.exif_transpose(image, in_place=True)

@@ -151,7 +151,7 @@ class Playback:
         """Give the same picture as of one moment, and in standard dynamic range.
 
         Of an interlaced frame what moves is as in the first field, interpolated, and what stands still is of both: a
-        display keeps its resolution. What moves is told from the frame that was given before.
+        display keeps its resolution. What moves is found by comparison with the frame given before.
         """
         if frame.interlaced_frame:
             frame = self._filtered(frame, 2, "bwdif", "mode=send_frame")

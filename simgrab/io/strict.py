@@ -151,7 +151,7 @@ def _structs_of(annotation: Any) -> list[type[msgspec.Struct]]:
 
 
 def _by_tag(structs: list[type[msgspec.Struct]]) -> tuple[str, dict[str, type[msgspec.Struct]]]:
-    """Return the key by which a union's members are told apart, and the members by its values."""
+    """Return the key by which a union's members are distinguished, and the members by its values."""
     return structs[0].__struct_config__.tag_field or "", {str(s.__struct_config__.tag): s for s in structs}
 
 

@@ -25,7 +25,7 @@ from simgrab.model.scenario import Grab, Mesh, Scenario
 from simgrab.reports import html
 from simgrab.world import gl
 from simgrab.world.scenery.grabs.design import Design
-from simgrab.world.scenery.grabs.from_file import PLATE_M, UNITS, Piece, Reading, design, read, usual_up
+from simgrab.world.scenery.grabs.from_file import PLATE_M, UNITS, ImportedModel, Piece, design, read, usual_up
 from simgrab.world.scenery.model import GRAB, ROPE, build
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
@@ -68,7 +68,7 @@ class Understood:
         jpeg = encode(self.turntable[..., ::-1], "jpeg", 90)
         folder.mkdir(parents=True, exist_ok=True)
         write(folder / PICTURE, jpeg)
-        write(folder / PAGE, html.page("grab.html", name=name, found=self, jpeg=jpeg).encode())
+        write(folder / PAGE, html.page("grab.html", name=name, grab=self, jpeg=jpeg).encode())
 
 
 def scene_of(file: str | Path, changes: dict[str, object] | None = None) -> Scenario:
@@ -155,7 +155,7 @@ def _listed(parts: list[Piece]) -> str:
     return ", ".join(sorted(groups)[:_MOST_LISTED] + alone[:_MOST_LISTED] + more)
 
 
-def _facts(keys: Mesh, model: models.Model, reading: Reading, made: Design) -> list[tuple[str, str]]:
+def _facts(keys: Mesh, model: models.ModelFile, reading: ImportedModel, made: Design) -> list[tuple[str, str]]:
     parts = reading.pieces
     low, high = _extent(made)
     width, length, height = high - low
@@ -197,7 +197,7 @@ def _facts(keys: Mesh, model: models.Model, reading: Reading, made: Design) -> l
     return facts
 
 
-def _doubts_of_file(keys: Mesh, model: models.Model, reading: Reading) -> list[str]:
+def _doubts_of_file(keys: Mesh, model: models.ModelFile, reading: ImportedModel) -> list[str]:
     """Say what of a file is not there, is not read, or is likely meant otherwise."""
     found = []
     for name in model.missing:
@@ -225,7 +225,7 @@ def _step(vertices: Array) -> float:
     return float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
 
 
-def _doubts_of_axis(keys: Mesh, model: models.Model, reading: Reading) -> list[str]:
+def _doubts_of_axis(keys: Mesh, model: models.ModelFile, reading: ImportedModel) -> list[str]:
     """Compare the axes that may point up, where no key says which does.
 
     A grab is alike to both sides, but not above and below: the axis along which the steel lies least evenly points up.
@@ -248,7 +248,7 @@ def _doubts_of_axis(keys: Mesh, model: models.Model, reading: Reading) -> list[s
     return []
 
 
-def _unevenness(reading: Reading, axis: int) -> float:
+def _unevenness(reading: ImportedModel, axis: int) -> float:
     """Give how far the steel along an axis differs from its mirror image: 0 where it does not, at most 1."""
     corners = np.concatenate([piece.solid.triangles[..., axis] for piece in reading.pieces])
     areas = np.concatenate([piece.solid.area_faces for piece in reading.pieces])

@@ -127,17 +127,17 @@ def together(parts: Sequence[Appearance]) -> Appearance:
     )
 
 
-def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
+def scene_of(appearance: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
     """Write the scene that matches footage: the scenario, and its file with what is not determined as comments."""
-    width, height = _size(seen)
+    width, height = _size(appearance)
     optics: dict[str, Any] = {}
-    if seen.vignetting.value is not None:
-        optics["vignetting_stops"] = _rounded(min(seen.vignetting.value, 8.0))
-    if seen.blur.value is not None:
-        optics["defocus_px"] = _rounded(min(seen.blur.value, MOST_BLUR_PX))
-    if seen.grey:
+    if appearance.vignetting.value is not None:
+        optics["vignetting_stops"] = _rounded(min(appearance.vignetting.value, 8.0))
+    if appearance.blur.value is not None:
+        optics["defocus_px"] = _rounded(min(appearance.blur.value, MOST_BLUR_PX))
+    if appearance.grey:
         optics["night_mode"] = "on"
-    optics |= _sharpening(seen)
+    optics |= _sharpening(appearance)
     data: dict[str, Any] = {
         "camera": {
             "width_px": width,
@@ -148,7 +148,7 @@ def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
             },
         },
         "swing": {"model": "dynamic"},
-        "clip": _clip(seen),
+        "clip": _clip(appearance),
         "optics": optics,
         "image": {"format": "png"},
     }
@@ -156,46 +156,46 @@ def scene_of(seen: Appearance, *, night: bool = False) -> tuple[Scenario, str]:
         data["light"] = NIGHT
     rate = data["clip"].get("frame_rate_hz", 9.0)
     frames_wanted = max(math.ceil(SECONDS * rate), 1)
-    if seen.display.layout is not None:
-        data["display"] = {"layout": msgspec.to_builtins(seen.display.layout)}
+    if appearance.display.layout is not None:
+        data["display"] = {"layout": msgspec.to_builtins(appearance.display.layout)}
     data = {"name": "matched", "frames": frames_wanted} | data
     stops = 0.0
-    if seen.level.value is not None:
-        stops, gains = _exposure(data, seen)
+    if appearance.level.value is not None:
+        stops, gains = _exposure(data, appearance)
         if gains:
             optics["white_balance"] = gains
         optics["exposure"] = {"model": "fixed", "exposure_ev": _rounded(stops)}
-        optics |= _sensor(seen, max(2.0**stops, 1.0))
-    if seen.grab.paint_rgb is not None:
-        data["grab"] = {"paint_rgb": [_rounded(channel) for channel in _paint(seen.grab.paint_rgb, stops)]}
-    return scenes.load(BASE, data), _comments(seen, "is that of the paper's camera", BASE) + tomli_w.dumps(
+        optics |= _sensor(appearance, max(2.0**stops, 1.0))
+    if appearance.grab.paint_rgb is not None:
+        data["grab"] = {"paint_rgb": [_rounded(channel) for channel in _paint(appearance.grab.paint_rgb, stops)]}
+    return scenes.load(BASE, data), _comments(appearance, "is that of the paper's camera", BASE) + tomli_w.dumps(
         {"base": BASE} | data
     )
 
 
-def training_scene(seen: Appearance, matched: Scenario) -> str:
+def training_scene(appearance: Appearance, matched: Scenario) -> str:
     """Write the scene `training` as the camera shows it: what was measured varies within its interval only.
 
     Everything is written out, because a file cannot take back what its base lets vary.
     """
     changes: dict[str, Any] = {"name": "matched-training", "frames": TRAINING_FRAMES}
     drawn = dict[str, tuple[float, float]]()
-    if seen.vignetting.known:
-        drawn["optics.vignetting_stops"] = (min(seen.vignetting.low, 8.0), min(seen.vignetting.high, 8.0))
-    if seen.blur.known:
-        drawn["optics.defocus_px"] = (max(seen.blur.low, 0.0), min(seen.blur.high, MOST_BLUR_PX))
-    if seen.level.value:
-        low, high = seen.level.value / LEVEL_SPREAD, seen.level.value * LEVEL_SPREAD
+    if appearance.vignetting.known:
+        drawn["optics.vignetting_stops"] = (min(appearance.vignetting.low, 8.0), min(appearance.vignetting.high, 8.0))
+    if appearance.blur.known:
+        drawn["optics.defocus_px"] = (max(appearance.blur.low, 0.0), min(appearance.blur.high, MOST_BLUR_PX))
+    if appearance.level.value:
+        low, high = appearance.level.value / LEVEL_SPREAD, appearance.level.value * LEVEL_SPREAD
         drawn["optics.exposure.target_level"] = (min(max(low, 0.01), 0.7), min(max(high, 0.012), 0.9))
         changes["optics.exposure.exposure_ev"] = 0.0
-    for name, value in _sensor(seen, 1.0).get("sensor", {}).items():
+    for name, value in _sensor(appearance, 1.0).get("sensor", {}).items():
         changes[f"optics.sensor.{name}"] = value
-    if seen.grey:
+    if appearance.grey:
         changes["optics.night_mode"] = "on"
     if not matched.light.sun:
         changes["light"] = NIGHT
-    if seen.display.layout is not None:
-        changes["display.layout"] = msgspec.to_builtins(seen.display.layout)
+    if appearance.display.layout is not None:
+        changes["display.layout"] = msgspec.to_builtins(appearance.display.layout)
     changes |= {key: _rounded(low) for key, (low, _) in drawn.items()}
     straight = {"camera.distortion.k1": 0.0}  # small or upright pictures allow neither the lens nor the display
     for left_out in (
@@ -204,7 +204,7 @@ def training_scene(seen: Appearance, matched: Scenario) -> str:
         straight | {"display.layout": "none"},
     ):
         try:
-            scene = scenes.load(TRAINED_ON, left_out | changes, size=_size(seen))
+            scene = scenes.load(TRAINED_ON, left_out | changes, size=_size(appearance))
             break
         except ScenarioError as problem:
             refused = problem
@@ -213,16 +213,16 @@ def training_scene(seen: Appearance, matched: Scenario) -> str:
     measured: dict[str, Factor] = {
         key: Uniform(_rounded(low), _rounded(high)) for key, (low, high) in drawn.items() if low < high
     }
-    if seen.grab.paint_rgb is not None:
+    if appearance.grab.paint_rgb is not None:
         measured["grab.paint_rgb"] = OneOf((matched.grab.paint_rgb,))
     red, green, blue = matched.optics.white_balance
-    if not seen.grey and (red, green, blue) != (1.0, 1.0, 1.0):
+    if not appearance.grey and (red, green, blue) != (1.0, 1.0, 1.0):
         spread = (1 / CAST_SPREAD, 1.0, CAST_SPREAD)
         casts = tuple((_rounded(red * r), green, _rounded(blue * b)) for r in spread for b in spread)
         measured["optics.white_balance"] = OneOf(casts)
     optics = msgspec.structs.replace(scene.optics, sharpening=matched.optics.sharpening)  # in px of this size
     scene = msgspec.structs.replace(scene, vary=scene.vary | measured, optics=optics)
-    return _comments(seen, "varies", TRAINED_ON) + scene.to_toml()
+    return _comments(appearance, "varies", TRAINED_ON) + scene.to_toml()
 
 
 def _size(seen: Appearance) -> tuple[int, int]:

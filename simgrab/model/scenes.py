@@ -13,7 +13,7 @@ import msgspec
 
 from simgrab.errors import ScenarioError
 from simgrab.io import fonts, models, photographs, resources
-from simgrab.io.models import Model, copied
+from simgrab.io.models import ModelFile, copied
 from simgrab.io.parse import MOST_LEVELS, Refuse, find_misfit, parse_value, read_json, read_toml, shown
 from simgrab.io.resources import SCENES
 from simgrab.io.strict import convert, without_numpy
@@ -119,7 +119,7 @@ def _read(scene: str | Path, within: Path | None = None) -> dict[str, Any]:
     if path.suffix == ".json":
         return merged(_defaults(), _manifest_scenario(path))
 
-    def beside(table: Mapping[str, Any], refuse: Refuse) -> Model:
+    def beside(table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
         return _kind(table).read(_named(path, table, refuse, within), refuse)
 
     data = _with_models(read_toml(path, _REFUSE), beside)
@@ -155,7 +155,7 @@ def _manifest_scenario(path: Path) -> dict[str, Any]:
 def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
     """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
 
-    def copy(table: Mapping[str, Any], refuse: Refuse) -> Model:
+    def copy(table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
         return _kind(table).read(
             models.inside(dataset, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse), refuse
         )
@@ -173,7 +173,7 @@ def _kind(table: Mapping[str, Any]) -> ModuleType:
     return _READERS.get(str(table.get("model")), models)
 
 
-def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], Model], key: str = "") -> Any:
+def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], ModelFile], key: str = "") -> Any:
     """Name models of grabs, photographs and fonts by file name and SHA-256, wherever a scene's plain data have a path.
 
     ``read`` gives the model of a table.
@@ -215,7 +215,7 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
     data = _scenario_of(manifest, where)
     listed = manifest.get("files")
 
-    def copy(table: Mapping[str, Any], refuse: Refuse) -> Model:
+    def copy(table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
         folder = f"{copied(str(table.get('sha256')))}/"
         names = [name.removeprefix(folder) for name in listed or () if name.startswith(folder)]
         left, files = models.MOST_BYTES, dict[str, bytes]()
@@ -227,7 +227,7 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
     return of_data(data, copy)
 
 
-def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse], Model]) -> Scenario:
+def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse], ModelFile]) -> Scenario:
     """Build the scenario of a scene's plain data, as a file would hold them; what is left out has its default.
 
     Parameters
@@ -256,12 +256,12 @@ def model_files(scene: str | Path, within: Path | None = None) -> dict[tuple[str
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     found: dict[tuple[str, str], Path] = {}
 
-    def noted(table: Mapping[str, Any], refuse: Refuse) -> Model:
+    def noted(table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
         if path.suffix == ".json":
             file = models.inside(path.parent, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse)
         else:
             file = _named(path, table, refuse, within)
-        model: Model = _kind(table).read(file, refuse)
+        model: ModelFile = _kind(table).read(file, refuse)
         found[model.sha256, model.name] = file
         return model
 

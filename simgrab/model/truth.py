@@ -172,7 +172,7 @@ class Boxed(msgspec.Struct, frozen=True, kw_only=True):
     box_x0_px, box_y0_px, box_x1_px, box_y1_px : float or None
         Box of the grab; None where it is not there.
     clip, time_s : None
-        Frames of unknown time; see `simgrab.model.records.frame_files.Row`.
+        Frames of unknown time; see `simgrab.model.records.frame_files.PictureRow`.
     """
 
     frame: int

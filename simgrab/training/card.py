@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from simgrab._version import __version__
-from simgrab.dataset.datasets import Data
+from simgrab.dataset.datasets import DatasetIdentity
 from simgrab.errors import TrainingError
 from simgrab.io.parse import read_json
 from simgrab.text import markdown as markdown_text
@@ -39,7 +39,7 @@ class Card:
         Stem of the file, e.g. ``"refine"``.
     task : str
         What goes in and what comes out, in a sentence or two.
-    data : tuple of Data
+    data : tuple of DatasetIdentity
     examples : int
         What was trained on, counted as the task counts.
     recipe : mapping
@@ -50,7 +50,7 @@ class Card:
         Wall time of the training.
     metrics : mapping
         On validation data: overall, and ``by_weather``.
-    judged_by : tuple of Data
+    judged_by : tuple of DatasetIdentity
         Of whose validation frames the metrics are, besides those of `data`.
     started_from : str
         SHA-256 of the model whose weights it began with; empty after random ones.
@@ -61,13 +61,13 @@ class Card:
 
     name: str
     task: str
-    data: tuple[Data, ...]
+    data: tuple[DatasetIdentity, ...]
     examples: int
     recipe: Mapping[str, Any]
     epochs: int
     seconds: float
     metrics: Mapping[str, Any]
-    judged_by: tuple[Data, ...] = ()
+    judged_by: tuple[DatasetIdentity, ...] = ()
     started_from: str = ""
     real: Mapping[str, Any] = field(default_factory=dict)
 

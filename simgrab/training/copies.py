@@ -31,7 +31,7 @@ class Copies:
     """
 
     def __init__(self, net: nn.Module, count: int) -> None:
-        torch.get_num_threads()  # settles this thread's number, before copies set that of theirs
+        torch.get_num_threads()  # fixes the number of this thread, before copies set theirs
         self._nets = [net, *(_sharing(net) for _ in range(count - 1))]
         self._pool = ThreadPoolExecutor(count, "copy", torch.set_num_threads, (1,)) if count > 1 else None
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from simgrab.errors import TrainingError, first_line
-from simgrab.training.recipe import Recipe
+from simgrab.training.recipe import TrainingRecipe
 
 
 def named(name: str) -> torch.device:
@@ -42,7 +42,7 @@ def to_device(batch: dict[str, Tensor], device: torch.device) -> dict[str, Tenso
 
 
 @contextmanager
-def out_of_memory(recipe: Recipe) -> Iterator[None]:
+def out_of_memory(recipe: TrainingRecipe) -> Iterator[None]:
     """Turn a lack of memory into one line."""
     line = f"out of memory with batches of {recipe.batch} on {recipe.device}: choose a smaller --batch"
     try:

@@ -31,7 +31,7 @@ from simgrab.model.rng import stream
 from simgrab.training import checkpoint
 from simgrab.training.copies import Batch, Copies
 from simgrab.training.device import named, out_of_memory, to_device
-from simgrab.training.recipe import MOMENTUM, Recipe
+from simgrab.training.recipe import MOMENTUM, TrainingRecipe
 
 CHECKPOINT = "checkpoint.pt"
 SCORE = "score"
@@ -57,7 +57,7 @@ class Task(Protocol):
 
 
 @dataclass(frozen=True)
-class Report:
+class TrainingReport:
     """How far a training is: sent after each step, with figures after each epoch."""
 
     epoch: int
@@ -101,12 +101,12 @@ class Trained:
 def train(
     build: Callable[[], nn.Module],
     task: Task,
-    recipe: Recipe,
+    recipe: TrainingRecipe,
     out: Path,
     *,
     data: str = "",
     resume: bool = False,
-    report: Callable[[Report], None] | None = None,
+    report: Callable[[TrainingReport], None] | None = None,
     loaders: int = 0,
 ) -> Trained:
     """Train a net.
@@ -119,7 +119,7 @@ def train(
     build : callable
         Makes the net; torch is seeded before.
     task : Task
-    recipe : Recipe
+    recipe : TrainingRecipe
     out : Path
         Folder of the checkpoint.
     data : str
@@ -151,7 +151,7 @@ class _Run:
     """A training under way."""
 
     def __init__(
-        self, build: Callable[[], nn.Module], task: Task, recipe: Recipe, path: Path, data: str, loaders: int
+        self, build: Callable[[], nn.Module], task: Task, recipe: TrainingRecipe, path: Path, data: str, loaders: int
     ) -> None:
         torch.set_num_threads(recipe.threads)
         torch.manual_seed(recipe.seed)
@@ -174,7 +174,7 @@ class _Run:
         done, patience = len(self.history), self.recipe.patience
         return done >= self.recipe.epochs or bool(patience and done - self.best_epoch >= patience)
 
-    def epoch(self, report: Callable[[Report], None] | None) -> None:
+    def epoch(self, report: Callable[[TrainingReport], None] | None) -> None:
         start, number, losses = time.monotonic(), len(self.history), []
         torch.manual_seed(int(stream(self.recipe.seed, number, "torch").integers(2**62)))
         self.net.train()
@@ -182,7 +182,7 @@ class _Run:
             losses.append(self._step(number * self.steps + i, batch))
             if report:
                 speed = (i + 1) * self.recipe.batch / (time.monotonic() - start)
-                report(Report(number + 1, self.recipe.epochs, i + 1, self.steps, losses[-1], speed))
+                report(TrainingReport(number + 1, self.recipe.epochs, i + 1, self.steps, losses[-1], speed))
         with torch.inference_mode():
             figures = {name: float(value) for name, value in self.task.validate(self.average.module).items()}
         speed = self.steps * self.recipe.batch / (time.monotonic() - start)
@@ -193,7 +193,7 @@ class _Run:
         self.save()
         if report:
             mean = self.history[-1]["loss"]
-            report(Report(number + 1, self.recipe.epochs, self.steps, self.steps, mean, speed, figures))
+            report(TrainingReport(number + 1, self.recipe.epochs, self.steps, self.steps, mean, speed, figures))
 
     def _batches(self, epoch: int) -> Iterator[Batch]:
         recipe, size = self.recipe, min(self.recipe.batch, self.task.examples)
@@ -311,7 +311,7 @@ def _one_opencv_thread() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-def _optimiser(net: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
+def _optimiser(net: nn.Module, recipe: TrainingRecipe) -> torch.optim.Optimizer:
     groups = _groups(net, recipe.weight_decay)
     if recipe.optimiser == "sgd":
         return torch.optim.SGD(groups, lr=recipe.rate, momentum=MOMENTUM, nesterov=True)

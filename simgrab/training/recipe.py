@@ -19,7 +19,7 @@ RANGES = {
 
 
 @dataclass(frozen=True)
-class Recipe:
+class TrainingRecipe:
     """Settings of one training.
 
     Attributes

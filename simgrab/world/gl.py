@@ -243,7 +243,7 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
     llvm.keep_apart()
     _used_by = os.getpid()
     try:
-        # By name, and not mujoco.GLContext, which was settled when somebody first imported mujoco.
+        # By name, and not mujoco.GLContext, which was chosen when mujoco was first imported.
         platform = importlib.import_module(f"mujoco.{os.environ['MUJOCO_GL']}")
         window = platform.GLContext(width_px, height_px)
         if os.environ["MUJOCO_GL"] == "osmesa":

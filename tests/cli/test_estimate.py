@@ -181,7 +181,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_input_is_told_in_one_line_with_row_or_column(what, tmp_path, camera, table):
+def test_bad_input_is_reported_in_one_line_with_row_or_column(what, tmp_path, camera, table):
     estimator, change, message = BAD[what]
     file = write(tmp_path / "bad.csv", change(table))
     result = call(file, "--camera", camera, "--estimator", estimator, "--no-figure")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simgrab import frames as frames_of
-from simgrab.instrument.detect import ANY_GRAB, BUNDLED, detector
+from simgrab.instrument.detect import FOUR_ROPE, GENERIC, detector
 from simgrab.instrument.detect.boxes import iou
 from simgrab.io.resources import ASSETS
 from simgrab.model import label_arrays as labels
@@ -18,7 +18,7 @@ WEIGHTS = ASSETS / "weights"
 
 
 NETS = ("find", "refine", "settle")
-ALL_NETS = [*NETS, "reader", *(f"{ANY_GRAB}/{name}" for name in (*NETS, "verify"))]
+ALL_NETS = [*NETS, "reader", *(f"{GENERIC}/{name}" for name in (*NETS, "verify"))]
 
 
 @pytest.mark.parametrize("name", ALL_NETS)
@@ -41,9 +41,9 @@ def test_cards_say_what_the_weights_were_made_of(name):
 
 @pytest.mark.parametrize("name", NETS)
 def test_weights_for_any_grab_were_made_of_random_shapes_and_of_no_exam(name):
-    card = json.loads((WEIGHTS / ANY_GRAB / f"{name}.json").read_text(encoding="utf-8"))
+    card = json.loads((WEIGHTS / GENERIC / f"{name}.json").read_text(encoding="utf-8"))
     assert {one["scenario"] for one in card["data"]} == {"training", "training-shapes", "training-photo"}
-    together = json.loads((WEIGHTS / ANY_GRAB / "verify.json").read_text(encoding="utf-8"))
+    together = json.loads((WEIGHTS / GENERIC / "verify.json").read_text(encoding="utf-8"))
     assert {key: card["metrics"][key] for key in ("frames", "recall", "false_boxes")} == {
         key: together["metrics"][key] for key in ("frames", "recall", "false_boxes")
     }  # of all nets together
@@ -60,16 +60,16 @@ def test_a_kind_that_no_detector_was_trained_on_is_found_by_any_grab_alone():
     scene = scenes.load(
         "exam-family-scissors", {"frames": 4, "clip.clip_frames": 1, "swing.absent": 0.0}, size=(960, 540)
     )
-    overlaps = {name: [] for name in (BUNDLED, ANY_GRAB)}
+    overlaps = {name: [] for name in (FOUR_ROPE, GENERIC)}
     looks = {name: detector(name) for name in overlaps}
-    assert [one.name for one in looks.values()] == [BUNDLED, ANY_GRAB]
+    assert [one.name for one in looks.values()] == [FOUR_ROPE, GENERIC]
     for frame in frames_of(scene, buffers=False):
         box = labels.box(frame.truth)
         for name, one in looks.items():
             found = one(frame.rgb)
             overlaps[name].append(float(iou(found.box, box)) if found.found else 0.0)
-    assert sum(overlap > 0.5 for overlap in overlaps[ANY_GRAB]) >= 3
-    assert sum(overlaps[ANY_GRAB]) > 1.0 + sum(overlaps[BUNDLED])
+    assert sum(overlap > 0.5 for overlap in overlaps[GENERIC]) >= 3
+    assert sum(overlaps[GENERIC]) > 1.0 + sum(overlaps[FOUR_ROPE])
 
 
 def test_the_grab_is_found_where_it_is_and_nowhere_else():

@@ -15,7 +15,7 @@ import pytest
 
 from simgrab.errors import RecordError
 from simgrab.instrument import estimate
-from simgrab.instrument.estimate import ESTIMATORS, GROUP, IntervalSettings, Table
+from simgrab.instrument.estimate import ESTIMATORS, GROUP, EstimatorTable, IntervalSettings
 from simgrab.model.geometry import camera_rotation
 from tests.instrument import pendulum_simulator as pendulum
 from tests.instrument import studies
@@ -61,7 +61,7 @@ def test_an_estimator_is_imported_when_it_is_used_and_one_that_is_not_installed_
         EntryPoint("mean-ray", "somebody.else:Estimator", GROUP),
     ]
     monkeypatch.setattr(estimate, "entry_points", lambda group: offered if group == GROUP else [])
-    table = Table({"mean-ray": "simgrab.instrument.estimate.mean_ray:MeanRay"})
+    table = EstimatorTable({"mean-ray": "simgrab.instrument.estimate.mean_ray:MeanRay"})
     assert list(table) == ["mean-ray", "gone", "mine", "wrong"]
     assert table["mine"] is table["mean-ray"]
     assert table.get("neither") is None

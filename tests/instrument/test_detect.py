@@ -6,7 +6,7 @@ import pytest
 from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save
 
 from simgrab.errors import DetectorError
-from simgrab.instrument.detect import SHIPPED, Bundled, Yolo, detector
+from simgrab.instrument.detect import SHIPPED, GrabDetector, Yolo, detector
 from simgrab.instrument.detect.boxes import covered, iou
 from simgrab.instrument.detect.bundled import SETTLE, Settings, peaks, read
 from simgrab.instrument.detect.patches import (
@@ -85,7 +85,7 @@ def test_iou():
     )
 
 
-# Bundled ---------------------------------------------------------------------------------------------------------
+# GrabDetector ----------------------------------------------------------------------------------------------------
 
 
 def test_peaks_lie_apart_and_come_hottest_first():
@@ -123,8 +123,8 @@ def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
         detector("any-grab")
 
 
-def test_refine_looks_again_around_its_own_box(tmp_path, monkeypatch):
-    looks = Bundled(hand_made(tmp_path), Settings(least_heat=0.2, passes=3))
+def test_refine_runs_again_around_its_own_box(tmp_path, monkeypatch):
+    looks = GrabDetector(hand_made(tmp_path), Settings(least_heat=0.2, passes=3))
     around, refine = [], looks.refine
 
     def watched(picture, boxes, *, last=False):
@@ -148,7 +148,7 @@ def test_centres_are_drawn_in_by_what_validation_showed(tmp_path):
     np.testing.assert_array_equal(drawn.box, told.box)
 
 
-def test_the_bundled_detector_puts_its_nets_together(tmp_path):
+def test_the_detector_combines_its_nets(tmp_path):
     found = detector(hand_made(tmp_path))(bright())
     assert found.found
     np.testing.assert_allclose(found.centre, [705, 405], atol=1)  # whole pixels of the crops
@@ -156,7 +156,7 @@ def test_the_bundled_detector_puts_its_nets_together(tmp_path):
     assert found.score == pytest.approx(1 / (1 + np.exp(-3)))
     side = LEVEL_ROOM * (found.box[2] - found.box[0])  # of the crop that settle sees; e⁻⁴ of it is the scale
     np.testing.assert_allclose(found.centre_sd_px, 2 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
-    assert Bundled(tmp_path).settings == Settings(least_heat=0.2)
+    assert GrabDetector(tmp_path).settings == Settings(least_heat=0.2)
 
 
 def test_a_doubtful_grab_is_looked_at_again_from_where_it_was_seen_and_at_other_sizes(tmp_path):
@@ -176,8 +176,8 @@ def test_a_doubtful_grab_is_looked_at_again_from_where_it_was_seen_and_at_other_
 
 def test_what_is_not_sure_enough_is_looked_at_again_first(tmp_path):
     folder = hand_made(tmp_path, presence=2.2, glow=(0.0, 1.5))
-    assert 0.9 < Bundled(folder)(bright()).score < 0.95
-    assert Bundled(folder, Settings(least_heat=0.2, least_presence=0.95))(bright()).found
+    assert 0.9 < GrabDetector(folder)(bright()).score < 0.95
+    assert GrabDetector(folder, Settings(least_heat=0.2, least_presence=0.95))(bright()).found
 
 
 def test_a_grab_is_found_behind_three_hotter_places(tmp_path):
@@ -191,7 +191,7 @@ def test_a_grab_is_found_behind_three_hotter_places(tmp_path):
     np.testing.assert_allclose(found.centre, [705, 795], atol=65)
 
 
-def test_what_settle_says_is_turned_back_into_the_picture(tmp_path):
+def test_the_output_of_settle_is_turned_back_into_the_picture(tmp_path):
     found = detector(hand_made(tmp_path, yaw=0.5, aside=0.1))(bright())
     box = found.box
     away = 0.1 * LEVEL_ROOM * (box[2] - box[0])

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from simgrab.instrument.detect.bundled import WEIGHTS, Bundled, Settings
+from simgrab.instrument.detect.bundled import WEIGHTS, GrabDetector, Settings
 from simgrab.instrument.detect.flips import averaged
 
 WIDTH, HEIGHT = 640, 400
@@ -19,11 +19,11 @@ def mirrored(box):
 
 
 def both(looks, picture):
-    """Refine and settle a picture, and its mirror image, laid back."""
+    """Run refine and settle on a picture, and its mirror image, laid back."""
     for shown, box, laid in ((picture, BOX, False), (picture[:, ::-1], mirrored(BOX), True)):
         refined = looks.refine(shown, [box], last=True)
-        settled = looks.settle(shown, refined.one(0))
-        for found in (refined, settled):
+        posed = looks.predict_pose(shown, refined.one(0))
+        for found in (refined, posed):
             centre, yaw, sd = found.centres[0], found.yaw[0], found.box_sd[0]
             if laid:
                 yield (
@@ -47,9 +47,9 @@ def apart(looks, picture):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_mirrored_picture_gives_the_mirrored_answer(seed):
-    looks = Bundled(WEIGHTS / "any-grab", Settings(flips=4))
+    looks = GrabDetector(WEIGHTS / "any-grab", Settings(flips=4))
     np.testing.assert_array_less(apart(looks, cloudy(seed)), (0.1, 0.01, 0.001))
-    assert apart(Bundled(WEIGHTS / "any-grab", Settings(flips=1)), cloudy(seed))[0] > 1
+    assert apart(GrabDetector(WEIGHTS / "any-grab", Settings(flips=1)), cloudy(seed))[0] > 1
 
 
 def test_a_yaw_is_averaged_as_a_direction():

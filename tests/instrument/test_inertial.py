@@ -128,7 +128,7 @@ def test_the_model_is_the_world():
     still = dataclasses.replace(summed, force=9.80665 * attitude[:-1, 2])  # as if nothing accelerated the jib head
     missed = []
     for imu in (summed, still):
-        links = model.Links.of(imu, rope, length)
+        links = model.ImuLinks.of(imu, rope, length)
         residual = model.derivatives_of_advance(attitude, state, parameters, links)[0]
         missed.append(np.abs(residual[5:-5]))  # the momentum of the ends is a one-sided difference
     assert missed[0][:, model.SWING].max() < 2e-4

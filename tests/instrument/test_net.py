@@ -15,7 +15,7 @@ from simgrab.instrument import net as nets
 from simgrab.instrument import onnx_parts
 from simgrab.instrument.deadline import within
 from simgrab.instrument.detect import Yolo, detector
-from simgrab.instrument.read import BUNDLED, Reader
+from simgrab.instrument.read import READER_WEIGHTS, Reader
 from simgrab.instrument.read.reader import METADATA, reading
 from simgrab.model import layouts
 
@@ -127,7 +127,7 @@ def test_nothing_is_reported_or_kept_in_the_users_folders(tmp_path):
 
 
 def test_what_is_no_onnx_file_is_refused(tmp_path):
-    whole = BUNDLED.read_bytes()
+    whole = READER_WEIGHTS.read_bytes()
     noise = np.random.default_rng(0).bytes(2**20)
     contents = {
         "empty": b"", "no graph": b"\x3a\x00", "zip": b"PK\x03\x04" + b"\0" * 500, "noise": noise,
@@ -339,7 +339,7 @@ def test_folders_that_are_no_detector(tmp_path):
     sound = hand_made(tmp_path / "sound")
     for name in ("find", "refine", "settle"):
         other = {"find": "settle", "refine": "find", "settle": "find"}[name]
-        for content in (None, b"", b"noise", (sound / f"{other}.onnx").read_bytes(), BUNDLED.read_bytes()):
+        for content in (None, b"", b"noise", (sound / f"{other}.onnx").read_bytes(), READER_WEIGHTS.read_bytes()):
             folder = tmp_path / "broken"
             shutil.rmtree(folder, ignore_errors=True)
             shutil.copytree(sound, folder)
@@ -391,7 +391,7 @@ def test_nets_of_other_shapes_are_refused(tmp_path):
 
 @pytest.mark.parametrize("threshold", ["NaN", "Infinity", "-1", "0", "2", "1e999", "[]", "null", "[" * 50_000])
 def test_thresholds_that_are_made_to_harm(tmp_path, threshold):
-    model = onnx.load(BUNDLED)
+    model = onnx.load(READER_WEIGHTS)
     helper.set_model_props(model, {METADATA: f'{{"threshold": {threshold}}}'})
     onnx.save(model, tmp_path / "reader.onnx")
     with pytest.raises(ReaderError, match=r"threshold must be|was not written by simgrab"):
@@ -406,7 +406,7 @@ def test_probabilities_that_are_none_are_not_read(tmp_path, value):
     assert reading(sure, layout, 0.9).status == "read"
     sure[2, 4] = value
     assert reading(sure, layout, 0.9).status == "refused"
-    model = onnx.load(BUNDLED)
+    model = onnx.load(READER_WEIGHTS)
     model.graph.node.append(NODE("Mul", [model.graph.output[0].name, "by"], ["scaled"]))
     model.graph.initializer.append(number("by", value))
     model.graph.output[0].name = "scaled"

@@ -230,7 +230,7 @@ def test_a_live_record_carries_what_is_lost(crane):
         list(made(estimator=PendulumSmoother()).live([], crane.calibration))
 
 
-def test_a_tilt_file_comes_back_and_a_bad_one_is_told(tmp_path, crane):
+def test_a_tilt_file_comes_back_and_a_bad_one_is_refused(tmp_path, crane):
     tilt = made().conclude(crane.observations(1.0), crane.calibration).tilt
     path = tmp_path / "tilt.toml"
     path.write_text(tilt.to_toml())

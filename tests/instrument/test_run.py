@@ -24,7 +24,7 @@ from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.page import page
-from simgrab.instrument.run.run import Options, measure, run
+from simgrab.instrument.run.run import RunOptions, measure, run
 from simgrab.instrument.run.table import beside_paper, held
 from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import open_source
@@ -132,14 +132,14 @@ def test_published_stands_beside_measured(found):
 
 def test_a_live_run_writes_the_same_files(clip, tmp_path):
     instrument = Pipeline(Oracle(truth_of(clip)), Reader(), tilt=None)
-    live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "live", instrument, Options(live=True))
+    live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "live", instrument, RunOptions(live=True))
     assert all(m.status in ("refused", "lost") for m in live.measurements)  # five seconds are no warm-up
     assert live.about["tilt"] is None
     assert 0 < live.about["speed"]["latency_median_s"] <= live.about["speed"]["latency_p99_s"]
     whole = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "whole", Pipeline(Oracle(truth_of(clip)), Reader()))
     tilt = load_tilt(tmp_path / "whole" / "tilt.toml")
     given = Pipeline(Oracle(truth_of(clip)), Reader(), tilt=tilt)
-    live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "given", given, Options(live=True))
+    live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "given", given, RunOptions(live=True))
     np.testing.assert_allclose(live.alpha, whole.alpha, atol=1e-6)
     assert (tmp_path / "given" / "annotated.mp4").exists()
 
@@ -194,7 +194,7 @@ def test_what_cannot_be_measured_is_one_clear_error_and_leaves_nothing(tmp_path,
     for source, told in (("text.mp4", "not a video"), (small.name, "8x8"), (cut.name, "not a video")):
         out = tmp_path / "out"
         with pytest.raises(SourceError, match=told):
-            run(tmp_path / source, CAMERA, out, Pipeline(nothing, None), Options(live=live))
+            run(tmp_path / source, CAMERA, out, Pipeline(nothing, None), RunOptions(live=live))
         assert not out.exists()
         assert not list(tmp_path.glob(".out*"))
 
@@ -205,13 +205,13 @@ def test_a_run_that_measured_nothing_has_failed_and_says_why(tmp_path, live):
     folder.mkdir()
     for i in range(3):
         (folder / f"{i}.jpg").write_bytes(cv2.imencode(".jpg", picture(i))[1].tobytes()[:-100])
-    result = run(folder, CAMERA, tmp_path / "a", Pipeline(nothing, None), Options(live=live))
+    result = run(folder, CAMERA, tmp_path / "a", Pipeline(nothing, None), RunOptions(live=live))
     why = result.failure
     assert why.startswith(f"{folder}: no picture could be read (3 lost; the first: 0.jpg cannot be read as an image: ")
     assert json.loads((tmp_path / "a" / "run.json").read_text())["failure"] == why
     assert runs.load(tmp_path / "a").failure == why
     cv2.imwrite(str(folder / "3.jpg"), picture(3))
-    result = run(folder, CAMERA, tmp_path / "b", Pipeline(nothing, None), Options(live=live))
+    result = run(folder, CAMERA, tmp_path / "b", Pipeline(nothing, None), RunOptions(live=live))
     assert result.failure.startswith(f"{folder}: no frame gave an angle (3 lost, 1 missed; the first: ")
     if not live:
         result = run(folder, CAMERA, tmp_path / "c", Zero())
@@ -317,12 +317,12 @@ def test_an_interrupted_live_run_keeps_what_it_has(tmp_path):
 
     impatient.name = "impatient"
     path = film(tmp_path / "a.mp4", np.arange(40) / 9)
-    result = run(path, CAMERA, tmp_path / "out", Pipeline(impatient, None), Options(live=True))
+    result = run(path, CAMERA, tmp_path / "out", Pipeline(impatient, None), RunOptions(live=True))
     assert len(result.measurements) == len(result.time) == len(runs.load(tmp_path / "out").measurements) == 12
     with pytest.raises(KeyboardInterrupt):
         run(path, CAMERA, tmp_path / "whole", Pipeline(impatient, None))
     with pytest.raises(KeyboardInterrupt):  # twelve are seen already, so that nothing is measured
-        run(path, CAMERA, tmp_path / "at once", Pipeline(impatient, None), Options(live=True))
+        run(path, CAMERA, tmp_path / "at once", Pipeline(impatient, None), RunOptions(live=True))
     assert not (tmp_path / "whole").exists()
     assert not (tmp_path / "at once").exists()
 
@@ -401,7 +401,7 @@ def test_anybodys_instrument_runs_or_is_refused(tmp_path, name):
         with pytest.raises(error, match=told):
             run(path, CAMERA, None, Other())
     with pytest.raises(RunError, match="frame by frame"):
-        run(path, CAMERA, None, Zero(), Options(live=True))
+        run(path, CAMERA, None, Zero(), RunOptions(live=True))
 
 
 def test_anybodys_instrument_runs_from_the_command_line(tmp_path, monkeypatch):

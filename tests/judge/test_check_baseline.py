@@ -8,7 +8,7 @@ from scipy import stats
 
 from simgrab.judge.check import baseline, verdicts
 from simgrab.judge.check.baseline import FALSE_FAILURES, Recorded, reference
-from simgrab.judge.check.suite import Limit, Scene, Suite
+from simgrab.judge.check.suite import Limit, Suite, SuiteScene
 from simgrab.judge.check.trial import Trial
 
 
@@ -81,7 +81,7 @@ def test_of_less_than_two_seeds_no_spread_is_known(values):
 
 
 def test_both_ends_of_all_limits_share_the_chance():
-    scenes = {"x": Scene("quay-day"), "y": Scene("quay-day", limits={"angle.overall.bias_deg": Limit(-1, 1)})}
+    scenes = {"x": SuiteScene("quay-day"), "y": SuiteScene("quay-day", limits={"angle.overall.bias_deg": Limit(-1, 1)})}
     some = Suite(name="s", limits={"alarm.missed": Limit(upper=1)}, scenes=scenes)
     assert baseline.ends(some) == 1 + 1 + 2
 

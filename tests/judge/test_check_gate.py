@@ -24,7 +24,7 @@ from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
 from simgrab.judge.check import baseline, cache, gate, golden, report, suite, trial
-from simgrab.judge.check.gate import Options
+from simgrab.judge.check.gate import CheckOptions
 
 # Limits so wide that only the baseline can tell.
 SUITE = {
@@ -77,7 +77,7 @@ def place(tmp_path_factory):
 
 def options(folder, make, **changes):
     made = make(folder / "cache") if make in (sound, *FAULTS.values()) else make
-    return Options(**{"instrument": made, "baseline": folder / "baselines", "cache": folder / "cache"} | changes)
+    return CheckOptions(**{"instrument": made, "baseline": folder / "baselines", "cache": folder / "cache"} | changes)
 
 
 def check(folder, make=sound, small=None, **changes):
@@ -156,7 +156,7 @@ def test_a_baseline_that_is_named_must_be_there(place, tmp_path):
         check(place, baseline=tmp_path / "tpyo")
 
 
-def test_what_the_baseline_has_too_few_values_for_is_told(place, tmp_path):
+def test_what_the_baseline_has_too_few_values_for_is_reported(place, tmp_path):
     small = suite.load(place / "small.toml")
     gate.record(small, options(place, sound, baseline=tmp_path), seeds=1)
     told = check(place, baseline=tmp_path, seed=2)
@@ -190,7 +190,7 @@ def test_limits_that_a_constant_answer_meets_are_named(place):
     assert not warned()
 
 
-def test_a_metric_that_is_not_there_fails_and_is_told(place, tmp_path):
+def test_a_metric_that_is_not_there_fails_and_is_reported(place, tmp_path):
     limits = {"angle.by_weather.fog.rmse_deg": {"upper": 1}, "alarm.missed": {"upper": 0}}
     problems = failed(check(place, small=suite.load(write(tmp_path, limits=limits)), baseline=None))
     assert "the scene has no such data" in problems["angle.by_weather.fog.rmse_deg"]
@@ -258,7 +258,7 @@ ACTS = {
 
 
 @pytest.mark.parametrize("act", ACTS)
-def test_an_instrument_that_breaks_is_a_failure_told_in_one_line(place, act):
+def test_an_instrument_that_breaks_is_a_failure_reported_in_one_line(place, act):
     act, cause = ACTS[act]
     problem = failed(check(place, Broken(act), baseline=None))["instrument"]
     assert cause in problem

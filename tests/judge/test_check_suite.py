@@ -74,7 +74,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_broken_suite_is_told_by_key(case, tmp_path):
+def test_a_broken_suite_is_reported_by_key(case, tmp_path):
     changes, message = BAD[case]
     with pytest.raises(SuiteError, match=re.escape(message)) as problem:
         suite.load(put(tmp_path, **changes))
@@ -82,7 +82,7 @@ def test_a_broken_suite_is_told_by_key(case, tmp_path):
     assert "\n" not in str(problem.value)
 
 
-def test_what_is_no_suite_is_told(tmp_path):
+def test_what_is_no_suite_is_refused(tmp_path):
     with pytest.raises(SuiteError, match="did you mean 'smoke'"):
         suite.load("smok")
     (tmp_path / "a.toml").write_text("a = = 1")

@@ -198,7 +198,7 @@ def test_a_picture_that_cannot_be_read_and_a_video_are_refused(known, tmp_path):
         detections.detect(film(tmp_path / "a.mp4", [0.0]), Fixed(known))
 
 
-def test_the_picture_that_a_detector_cannot_look_at_is_named(known):
+def test_the_picture_that_a_detector_cannot_take_is_named(known):
     def refuses(_):
         raise DetectorError("too small")
 

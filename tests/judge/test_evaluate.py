@@ -19,7 +19,7 @@ from simgrab.instrument.contract import Measurement
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
-from simgrab.instrument.run.run import Options, run
+from simgrab.instrument.run.run import RunOptions, run
 from simgrab.judge.check import metrics
 from simgrab.judge.check.trial import flat
 from simgrab.judge.evaluate import budget, swings, truths
@@ -59,7 +59,7 @@ def measured(folder, out, *, of="data", **errors):
 
         table = pq.read_table(folder / "swing.parquet").to_pylist()
         rows = tuple(rows[row["frame"]] for row in table)
-    return run(folder / of, camera, out, Pipeline(Oracle(list(rows), **errors), Reader()), Options(video=False))
+    return run(folder / of, camera, out, Pipeline(Oracle(list(rows), **errors), Reader()), RunOptions(video=False))
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +227,7 @@ def test_the_page_opens_in_a_browser(clean, swinging, tmp_path):
     assert [figure["kind"] for figure in told["figures"]] == ["svg", "svg"]
 
 
-def test_an_instrument_that_tells_angles_alone_is_judged_by_them(clean, swinging):
+def test_an_instrument_that_outputs_angles_alone_is_judged_by_them(clean, swinging):
     bare = tuple(
         Measurement(status="ok", alpha=m.alpha) if m.alpha is not None else Measurement(status="missed", reason="-")
         for m in clean.measurements
@@ -323,7 +323,7 @@ def test_independent_frames_are_judged_without_alarms(tmp_path, tmp_path_factory
     data = tmp_path_factory.mktemp("iid") / "data"
     render(small_scene(frames=12, display__layout="two-by-four", **SIZE), data)
     rows = list(datasets.read(data).rows)
-    made = run(data, data / "camera.toml", tmp_path / "out", Pipeline(Oracle(rows), Reader()), Options(video=False))
+    made = run(data, data / "camera.toml", tmp_path / "out", Pipeline(Oracle(rows), Reader()), RunOptions(video=False))
     found = evaluate(made, data)
     assert made.time is None
     assert found["alarm"] is None

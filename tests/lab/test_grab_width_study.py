@@ -4,7 +4,7 @@ import pyarrow.parquet
 import pytest
 
 from simgrab.errors import DatasetError
-from simgrab.lab.paper.grab_width import study, tell
+from simgrab.lab.paper.grab_width import study, summary_lines
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import camera_rotation, grab_centre, grab_rotation, to_camera
 from simgrab.model.truth import KEYPOINT_NAMES
@@ -49,10 +49,10 @@ def test_made_up_tilts_pass_the_check_and_are_wrong(tmp_path):
     for tilt, bound, _ in found.wrong:
         assert bound <= tilt + 1e-9
     assert max(np.rad2deg(wrong) for _, _, wrong in found.wrong) > 10
-    assert any("so it passes" in line for line in tell(found))
+    assert any("so it passes" in line for line in summary_lines(found))
 
 
-def test_too_few_frames_are_told(tmp_path):
+def test_too_few_frames_are_refused(tmp_path):
     with pytest.raises(DatasetError, match="frames show a closed grab turned by less than"):
         study(synthetic(tmp_path, 5.0, frames=45))
     with pytest.raises(DatasetError, match="cannot read"):

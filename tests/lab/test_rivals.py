@@ -18,7 +18,7 @@ from simgrab.instrument.observation import Observation
 from simgrab.lab.rivals.camera import CAMERA, Tracked, conclude, kawai, target_angles
 from simgrab.lab.rivals.contract import Sensors, Series, Swing, read_series
 from simgrab.lab.rivals.inertial import INERTIAL, MOUNT
-from simgrab.lab.rivals.kalman import Model, kalman
+from simgrab.lab.rivals.kalman import LinearModel, kalman
 from simgrab.lab.rivals.lidar import Scans, clusters, lidar, read_scans
 from simgrab.lab.rivals.marks import TAGS, Fiducial, Layered, Mark, circles, level_layers, target
 from simgrab.lab.rivals.tracking import flow, template
@@ -97,12 +97,12 @@ def test_filters_recover_a_free_swing(calm, method, bound):
     sensors, time, true = calm
     found = INERTIAL[method](sensors, time)
     assert rmse(found, true) < bound
-    settled = (time > 5) & (found.reason == "")
-    error = np.abs(found.alpha - true[0])[settled]
+    converged = (time > 5) & (found.reason == "")
+    error = np.abs(found.alpha - true[0])[converged]
     assert np.degrees(error.max()) < 2 * bound
-    assert np.degrees(np.median(found.sd[settled])) < bound
+    assert np.degrees(np.median(found.sd[converged])) < bound
     if method in ("schaper", "kim", "jung"):  # whose axes are those of the jib
-        turn = np.angle(np.exp(1j * (found.azimuth - true[1])))[settled & (true[0] > np.radians(3))]
+        turn = np.angle(np.exp(1j * (found.azimuth - true[1])))[converged & (true[0] > np.radians(3))]
         assert np.degrees(np.abs(turn).max()) < 3
 
 
@@ -201,7 +201,7 @@ def test_the_filter_ends_where_the_whole_chain_does():
     n, step, reading = 12, np.array([[1.0, 0.1], [-0.3, 0.95]]), np.array([[1.0, 0.5], [0.0, 1.0]])
     readings, drive = rng.normal(size=(n, 2)), rng.normal(size=(n, 2))
     readings[3, 0] = readings[7] = np.nan
-    model = Model(
+    model = LinearModel(
         np.array([2.0, 3.0]), np.tile(step, (n, 1, 1)), np.full((n, 2), 0.04), reading, np.array([0.5, 0.7]),
         np.array([0.3, -0.2]), drive, np.full((n, 2), 0.1),
     )  # fmt: skip
@@ -410,9 +410,9 @@ def test_a_lidar_recovers_a_swing_and_says_what_it_misses():
     scans = Scans(time, tuple(scan(a, rng) for a in true))
     rest = Scans(np.arange(5.0), tuple(scan(0.0, rng) for _ in range(5)))
     found = lidar(scans, rest, time, 28.0)
-    settled = time > 3
-    assert (found.reason[settled] == "").all()
-    error = np.degrees(found.alpha - np.abs(true))[settled]
+    converged = time > 3
+    assert (found.reason[converged] == "").all()
+    error = np.degrees(found.alpha - np.abs(true))[converged]
     assert np.sqrt(np.mean(error**2)) < 0.3
     nothing = tuple(points[:0] for points in scans.points)
     assert "no cluster of the jib's end" in lidar(Scans(time, nothing), rest, time, 28.0).reason[0]

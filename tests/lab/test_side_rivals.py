@@ -13,7 +13,7 @@ from simgrab.lab.rivals import ropes
 from simgrab.lab.rivals.balls import balls, meet, tysse
 from simgrab.lab.rivals.contract import Series
 from simgrab.lab.rivals.ropes import okubanjo, rope_lines, rope_plane
-from simgrab.lab.rivals.side import View, read_view
+from simgrab.lab.rivals.side import SideView, read_view
 from simgrab.model.geometry import STANDARD_GRAVITY, rotation_y
 
 SIZE, FOCAL = (360, 640), 600.0
@@ -30,7 +30,7 @@ def camera(name, azimuth, centre):
     turn = np.radians(azimuth)
     cos, sin = np.cos(turn), np.sin(turn)
     rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]) @ LEVEL
-    return View(name, rotation, np.array(centre, float), FOCAL, (SIZE[0] / 2, SIZE[1] / 2), [])
+    return SideView(name, rotation, np.array(centre, float), FOCAL, (SIZE[0] / 2, SIZE[1] / 2), [])
 
 
 def project(view, points):
@@ -87,9 +87,9 @@ def three():
     return [filming(camera(f"king{i}", -10 * i, (-23, 4 * i, -10))) for i in (-1, 0, 1)]
 
 
-def rmse(found, settled=TIME > 1):
-    assert (found.reason[settled] == "").all()
-    return np.degrees(np.sqrt(np.mean((found.alpha - ALPHA)[settled] ** 2)))
+def rmse(found, converged=TIME > 1):
+    assert (found.reason[converged] == "").all()
+    return np.degrees(np.sqrt(np.mean((found.alpha - ALPHA)[converged] ** 2)))
 
 
 def test_the_plane_of_drawn_ropes_holds_their_lean():
@@ -113,8 +113,8 @@ def test_two_cameras_at_the_side_recover_a_swing_from_its_ropes_and_one_measures
 def test_three_cameras_recover_a_swing_from_balls(three):
     found = tysse(three, ROPE, TIME)
     assert rmse(found) < 0.2
-    settled = TIME > 2
-    assert np.mean(np.abs(found.alpha - ALPHA)[settled] < 2 * found.sd[settled]) > 0.8
+    converged = TIME > 2
+    assert np.mean(np.abs(found.alpha - ALPHA)[converged] < 2 * found.sd[converged]) > 0.8
     with pytest.raises(RecordError, match="two or more cameras"):
         tysse(three[:1], ROPE, TIME)
 
@@ -138,7 +138,7 @@ def test_what_is_out_of_sight_gives_a_reason(method, cameras, words, request):
     without = (TIME > 8 / 9 + 1.05) & (TIME < 36 / 9 - 1.05)
     assert without.any()
     assert np.isnan(found.alpha[without]).all()
-    assert all(words in reason or "not settled" in reason for reason in found.reason[without])
+    assert all(words in reason or "not converged" in reason for reason in found.reason[without])
     assert rmse(found, TIME > 4.2) < 0.4
     nothing = method([replace(view, frames=some[9:36]) for view, some in zip(views, frames, strict=True)], ROPE, TIME)
     assert np.isnan(nothing.alpha).all()
@@ -163,7 +163,7 @@ def test_balls_are_found_to_parts_of_a_pixel_and_meet_in_their_place():
 
 def test_a_camera_that_looks_down_is_refused():
     with pytest.raises(RecordError, match="steeply"):
-        okubanjo([View("top", np.diag([1.0, -1.0, -1.0]), np.zeros(3), FOCAL, (180, 320), [])], ROPE, TIME)
+        okubanjo([SideView("top", np.diag([1.0, -1.0, -1.0]), np.zeros(3), FOCAL, (180, 320), [])], ROPE, TIME)
     with pytest.raises(RecordError, match="is needed"):
         okubanjo([], ROPE, TIME)
 

@@ -21,8 +21,8 @@ from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.estimate.inertial.readings import FORCE, RATE, STAMP, read_imu
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.lab.bench import board, entry, files, season
-from simgrab.lab.bench.entry import About, Answers, Entry
-from simgrab.lab.bench.files import Published, Target, hidden_like, published, season_of, targets
+from simgrab.lab.bench.entry import Answers, Entry, MethodDescription
+from simgrab.lab.bench.files import ClipTruth, Published, hidden_like, published, season_of, targets
 from simgrab.lab.bench.score import THRESHOLDS_DEG, recall, sanity, score
 from simgrab.lab.bench.season import Season
 from simgrab.model.records.observations import Detection, Reading
@@ -33,7 +33,7 @@ from simgrab.world.sensors import record
 
 def target(name="a", n=90, peak_deg=12.0, phase=0.0):
     times = np.arange(n) / 9
-    return Target(name, times, np.deg2rad(np.abs(peak_deg * np.sin(2 * np.pi * times / 8 + phase))))
+    return ClipTruth(name, times, np.deg2rad(np.abs(peak_deg * np.sin(2 * np.pi * times / 8 + phase))))
 
 
 TARGETS = (
@@ -50,7 +50,7 @@ def off_by(error_deg, targets=TARGETS, width_deg=0.2, name="method"):
         half = np.deg2rad(width_deg) / 2
         return Answers(("ok",) * len(alpha), alpha, alpha - half, alpha + half, np.full(len(alpha), 0.01))
 
-    return Entry(About(name, "picture", "open"), {t.clip: answers(t) for t in targets})
+    return Entry(MethodDescription(name, "picture", "open"), {t.clip: answers(t) for t in targets})
 
 
 def test_the_nightly_clips_have_every_weather_and_every_pair_of_mount_and_offset():
@@ -133,7 +133,7 @@ def test_recall_is_the_mean_over_thresholds_of_the_frames_with_a_grab():
     alpha = np.where(np.arange(90) < 45, np.nan, truth.alpha)
     half = Answers(truth.status, alpha, alpha, alpha, truth.seconds)
     assert recall(half, TARGETS[0]) == pytest.approx(0.5)
-    assert recall(half, Target("a", TARGETS[0].times, np.where(np.isnan(alpha), np.nan, TARGETS[0].alpha))) == 1
+    assert recall(half, ClipTruth("a", TARGETS[0].times, np.where(np.isnan(alpha), np.nan, TARGETS[0].alpha))) == 1
 
 
 def test_errors_coverage_and_time():
@@ -156,7 +156,7 @@ def test_entries_that_differ_surely_have_other_ranks_and_those_that_do_not_share
 def test_an_entry_that_is_better_in_some_clips_alone_shares_the_rank():
     even = off_by(0.6, name="even")
     worse = {name: off_by(2.5).clips[name] for name in "cde"}
-    mixed = Entry(About("mixed", "picture", "open"), off_by(0.05).clips | worse)
+    mixed = Entry(MethodDescription("mixed", "picture", "open"), off_by(0.05).clips | worse)
     found = [s for s in score([even, mixed], TARGETS) if not s.sanity]
     assert [s.about.method for s in found] == ["mixed", "even"]
     assert [s.rank for s in found] == [1, 1]
@@ -164,7 +164,7 @@ def test_an_entry_that_is_better_in_some_clips_alone_shares_the_rank():
 
 def test_ranks_follow_the_average_recall_within_a_track():
     tracks = ("picture", "picture+rope", "picture+rope+imu", "picture+lidar")
-    entries = [Entry(About(track, track, "open"), off_by(0.05 + i).clips) for i, track in enumerate(tracks)]
+    entries = [Entry(MethodDescription(track, track, "open"), off_by(0.05 + i).clips) for i, track in enumerate(tracks)]
     entries += [off_by(error, name=f"{error}") for error in (0.15, 0.25, 0.4)]
     found = [s for s in score(entries[::-1], TARGETS) if not s.sanity]
     ranked = [("picture", 1), ("0.15", 2), ("0.25", 3), ("0.4", 4), *((track, 1) for track in tracks[1:])]
@@ -172,7 +172,7 @@ def test_ranks_follow_the_average_recall_within_a_track():
 
 
 def test_clips_without_a_grab_are_not_scored():
-    empty = Target("empty", TARGETS[0].times, np.full(90, np.nan))
+    empty = ClipTruth("empty", TARGETS[0].times, np.full(90, np.nan))
     entry = off_by(0.3, (*TARGETS, empty))
     one, other = (score([entry], t)[0] for t in (TARGETS, (*TARGETS, empty)))
     assert one.figures == other.figures
@@ -187,7 +187,7 @@ def test_alarms_that_are_due_missed_false_and_late():
         alpha = answers["a"].alpha + np.deg2rad(add_deg)
         alpha = np.concatenate([np.zeros(delay), alpha[: len(alpha) - delay]])
         changed = Answers(answers["a"].status, alpha, alpha, alpha, answers["a"].seconds)
-        return score([Entry(About("m", "picture", "open"), answers | {"a": changed})], TARGETS)[0].figures
+        return score([Entry(MethodDescription("m", "picture", "open"), answers | {"a": changed})], TARGETS)[0].figures
 
     plain, low, late = with_alarm(0.0), with_alarm(-4.0), with_alarm(0.0, delay=3)
     assert plain["alarms_due"].value > plain["alarms_missed"].value == 0
@@ -233,7 +233,7 @@ def entered(folder):
     """Write a right entry for `TARGETS`."""
     folder.mkdir()
     (folder / ".DS_Store").touch()
-    about = About("<b>method</b>", "picture", "open")
+    about = MethodDescription("<b>method</b>", "picture", "open")
     (folder / "entry.json").write_text(json.dumps(msgspec.to_builtins(about)))
     for t in TARGETS:
         alpha = np.minimum(t.alpha + 0.001, 1.5)

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import eigvalsh_tridiagonal
 
 import simgrab
-from simgrab.lab.sensors.waves import KG_M_MM2, Strings, Waves
+from simgrab.lab.sensors.waves import KG_M_MM2, Strings, WaveAmplitudes
 from simgrab.model.geometry import STANDARD_GRAVITY
 
 LENGTH, KG, KG_M = 18.0, 10_500.0, 4 * KG_M_MM2 * 32.0**2
@@ -76,7 +76,9 @@ def test_hauled_in_ropes_move_as_differences_have_it():
     length, ones = 18.0 - 0.8 * t + 0.1 * t * t, np.ones(5)
     amplitude = np.stack([0.01 * np.sin(9 * t), 0.004 * np.cos(17 * t)], axis=1)[:, :, None] * (1.0, 0.5)
     rate = np.stack([0.09 * np.cos(9 * t), -0.068 * np.sin(17 * t)], axis=1)[:, :, None] * (1.0, 0.5)
-    waves = Waves(amplitude, rate, -amplitude * np.array([81.0, 289.0])[:, None], length, 0.2 * t - 0.8, 0.2 * ones)
+    waves = WaveAmplitudes(
+        amplitude, rate, -amplitude * np.array([81.0, 289.0])[:, None], length, 0.2 * t - 0.8, 0.2 * ones
+    )
 
     def displaced(s):
         k = np.arange(1, 3) * np.pi / length[:, None]

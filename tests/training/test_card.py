@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from simgrab.dataset.datasets import Data
+from simgrab.dataset.datasets import DatasetIdentity
 from simgrab.instrument.detect.bundled import WEIGHTS
 from simgrab.training import card as cards
 from simgrab.training.card import Card, markdown
@@ -13,9 +13,9 @@ def test_a_card_says_what_it_is_of(tmp_path):
     model = tmp_path / "find.onnx"
     model.write_bytes(b"weights")
     card = Card(
-        name="find", task="Finds.", data=(Data("training", "d1", "d2", 0, 800),), examples=640,
+        name="find", task="Finds.", data=(DatasetIdentity("training", "d1", "d2", 0, 800),), examples=640,
         recipe={"epochs": 3}, epochs=3, seconds=90.0,
-        judged_by=(Data("training", "d3", "d4", 3, 64),),
+        judged_by=(DatasetIdentity("training", "d3", "d4", 3, 64),),
         metrics={"recall": 0.99, "by_weather": {"fog": {"recall": 0.9, "frames": 10}, "rain": {"recall": 1.0}}},
     )  # fmt: skip
     content = json.loads(card.save(model).read_text())

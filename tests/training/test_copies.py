@@ -62,7 +62,7 @@ def test_the_same_threads_give_the_same_bytes():
 
 
 def test_this_thread_keeps_its_threads():
-    """In a process of its own: torch settles a thread's number once, at its first work."""
+    """In a process of its own: torch fixes a thread's number once, at its first work."""
     code = """
 import torch
 from simgrab.training.copies import Copies

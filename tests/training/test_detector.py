@@ -20,7 +20,7 @@ from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 from simgrab.training.detector.train import NETS, Result, train  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402
-from simgrab.training.loop import Report  # noqa: E402
+from simgrab.training.loop import TrainingReport  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ class KilledError(Exception):
 @pytest.mark.parametrize("stage", ["refine"])
 def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, stage):
     def report(name):
-        def tell(now: Report):
+        def tell(now: TrainingReport):
             if name == stage and now.epoch == 2:
                 raise KilledError
 

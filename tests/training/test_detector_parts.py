@@ -20,7 +20,7 @@ from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.records.observations import Detection  # noqa: E402
 from simgrab.model.rng import stream  # noqa: E402
 from simgrab.training.detector import cache, evaluate, find, nets, refine, settings, settle  # noqa: E402
-from simgrab.training.detector.augment import Dirt, Turn, _hues  # noqa: E402
+from simgrab.training.detector.augment import Dirt, Orientation, _hues  # noqa: E402
 
 
 def middle(light):
@@ -42,7 +42,7 @@ def rectangle(box, width, height):
 @pytest.mark.parametrize("mirror", [False, True])
 @pytest.mark.parametrize("quarters", range(4))
 def test_labels_turn_with_the_picture(mirror, quarters):
-    laid = Turn(mirror, quarters)
+    laid = Orientation(mirror, quarters)
     box = np.array([10, 20, 22, 52])
     picture = rectangle(box, 64, 64)
     shares = box / 64
@@ -121,7 +121,7 @@ def frame_of(row, box, path, width=640, height=360, *, mark=False):
     centre = {"grab_u_px": float(u), "grab_v_px": float(v)}
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     row = msgspec.structs.replace(row, width_px=width, height_px=height, image_sha256=digest, **edges, **centre)
-    return cache.Frame(row, path, True, "")
+    return cache.TrainingFrame(row, path, True, "")
 
 
 def test_refines_examples_show_what_they_say(dataset, tmp_path):
@@ -204,12 +204,12 @@ class Says(torch.nn.Module):
 BOXES = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
 
 
-def test_settles_examples_show_what_they_say(dataset, tmp_path):
+def test_examples_of_settle_show_what_their_labels_state(dataset, tmp_path):
     row = datasets.read(dataset).rows[0]
     frames = [frame_of(row, box, tmp_path / f"{i}.png", mark=True) for i, box in enumerate(BOXES)]
     crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
     checked = 0
-    seen = [example for example in settle._looked_at(crops, Says()) if example.there]
+    seen = [example for example in settle._examples(crops, Says()) if example.there]
     assert len(seen) == 3
     for i, example in enumerate(seen):
         for trial in range(12):
@@ -236,14 +236,14 @@ def test_settle_learns_what_refine_takes_for_the_grab_soonest(dataset, tmp_path)
         refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0),
         refine.crops(tmp_path / "hard", [empty], [places], seed=0),
     ]
-    task = settle.Settling(some, some, Says())
+    task = settle.PoseTask(some, some, Says())
     chosen = settle._chosen(some, Says())
     assert (
         [example.there for example in chosen] == [True] * 3 + [False] * 2 == [True] * 3 + [False] * (task.examples - 3)
     )
     hardest = chosen[3]  # the rectangle, which the labels of that frame do not know
     assert hardest.crops is some[1]
-    assert hardest.presence == max(example.presence for example in settle._looked_at(some[1], Says()))
+    assert hardest.presence == max(example.presence for example in settle._examples(some[1], Says()))
     nothing = settle._learned(hardest, stream(0, 0, "example"), None)
     assert nothing["present"] == 0
     assert not nothing["known"].any()
@@ -255,10 +255,10 @@ def test_settle_does_not_learn_that_the_grab_beside_is_none(dataset, tmp_path):
     frame = frame_of(datasets.read(dataset).rows[0], BOXES[0], tmp_path / "0.png")
     beside = np.array([300.0, 80, 400, 180])
     crops = refine.crops(tmp_path / "crops", [frame], [[beside]], seed=0)
-    assert [example.there for example in settle._looked_at(crops, Says())] == [True, False]
+    assert [example.there for example in settle._examples(crops, Says())] == [True, False]
     finds = Says()
     finds.left = 0.5
-    assert [example.there for example in settle._looked_at(crops, finds)] == [True]
+    assert [example.there for example in settle._examples(crops, finds)] == [True]
 
 
 @pytest.mark.parametrize("aside", [0.0, 60.0, 300.0])
@@ -419,10 +419,10 @@ def test_frames_leave_slivers_out(dataset):
 
 def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
     row = datasets.read(dataset).rows[0]
-    frame = cache.Frame(row, tmp_path, True, "")
+    frame = cache.TrainingFrame(row, tmp_path, True, "")
     rng = np.random.default_rng(0)
     seen = [
-        evaluate.Seen(
+        evaluate.DetectedFrame(
             frame,
             Detection(
                 "found", "", 1.0, labels.box(row) + rng.normal(0, 2.0, 4), labels.centre(row) + rng.normal(0, 0.5, 2),
@@ -436,7 +436,7 @@ def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
     assert evaluate.trust(seen[:3]).centre == 1.0
 
 
-def test_how_far_out_centres_are_told_is_measured_and_taken_back(dataset, tmp_path):
+def test_how_far_out_centres_are_predicted_is_measured_and_corrected(dataset, tmp_path):
     row, rng, seen = datasets.read(dataset).rows[0], np.random.default_rng(0), []
     for _ in range(400):
         centre, sd = rng.uniform((0, 0), (row.width_px, row.height_px)), float(rng.uniform(0.2, 2.0))
@@ -445,7 +445,7 @@ def test_how_far_out_centres_are_told_is_measured_and_taken_back(dataset, tmp_pa
         shown = msgspec.structs.replace(row, grab_u_px=float(centre[0]), grab_v_px=float(centre[1]), **named)
         told = centre + 0.05 * lean(centre, box, row.width_px, row.height_px) + rng.normal(0, sd, 2)
         found = Detection("found", "", 1.0, box, told, 0.0, np.ones(4), np.full(2, sd), 0.1)
-        seen.append(evaluate.Seen(cache.Frame(shown, tmp_path, True, ""), found))
+        seen.append(evaluate.DetectedFrame(cache.TrainingFrame(shown, tmp_path, True, ""), found))
     trust = evaluate.trust(seen)
     assert trust.outward == pytest.approx(0.05, abs=0.01)
     assert trust.centre == pytest.approx(1.0, abs=0.08)
@@ -457,8 +457,10 @@ def test_a_threshold_falls_only_if_enough_frames_show_no_grab(dataset, tmp_path)
     row = datasets.read(dataset).rows[0]
     box = np.array(labels.box(row), float)
     found = Detection("found", "", 0.6, box, labels.centre(row), 0.0, np.ones(4), np.ones(2), 0.1)
-    grab = evaluate.Seen(cache.Frame(row, tmp_path, True, ""), found)
-    nothing = evaluate.Seen(cache.Frame(row, tmp_path, False, ""), Detection("none", "nothing found", 0.0))
+    grab = evaluate.DetectedFrame(cache.TrainingFrame(row, tmp_path, True, ""), found)
+    nothing = evaluate.DetectedFrame(
+        cache.TrainingFrame(row, tmp_path, False, ""), Detection("none", "nothing found", 0.0)
+    )
     looks = SimpleNamespace(settings=Settings())
     for empty, before, kept in ((49, 0.85, True), (50, 0.85, False), (49, 0.0, False), (5, 0.2, False)):
         facts, figures = evaluate.calibrated(looks, [grab] + [nothing] * empty, before=before)
@@ -471,8 +473,9 @@ def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):
     row = datasets.read(dataset).rows[0]
 
     def seen(score, there):
-        return evaluate.Seen(
-            cache.Frame(row, tmp_path, there, ""), Detection("found", "", score, np.array(labels.box(row), float))
+        return evaluate.DetectedFrame(
+            cache.TrainingFrame(row, tmp_path, there, ""),
+            Detection("found", "", score, np.array(labels.box(row), float)),
         )
 
     grabs = [seen(p, True) for p in (0.12, 0.7, 0.95, 0.96, 0.96, 0.99)]

@@ -13,9 +13,9 @@ torch = pytest.importorskip("torch")
 
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.training import loop  # noqa: E402
-from simgrab.training.recipe import Recipe  # noqa: E402
+from simgrab.training.recipe import TrainingRecipe  # noqa: E402
 
-RECIPE = Recipe(epochs=6, batch=16, rate=3e-2, average=0.9, threads=1)
+RECIPE = TrainingRecipe(epochs=6, batch=16, rate=3e-2, average=0.9, threads=1)
 
 
 class Line:
@@ -250,7 +250,7 @@ def test_what_cannot_be_trained_is_refused(tmp_path):
     with pytest.raises(TrainingError, match="device 'abacus'"):
         loop.train(build, Line(), dataclasses.replace(RECIPE, device="abacus"), tmp_path)
     with pytest.raises(TrainingError, match="epochs"):
-        Recipe(epochs=0)
+        TrainingRecipe(epochs=0)
 
 
 def test_the_rate_rises_and_falls():

@@ -98,13 +98,13 @@ def test_edges_and_presence_are_learned_from_a_box_alone(known, tmp_path):
         unknown = column in (*range(4, 6), *range(10, 15))  # centre and yaw, and how sure they are
         assert torch.equal(refine.loss(other, batch), refine.loss(out, batch)) == unknown, column
     with torch.inference_mode():
-        assert np.isfinite(refine.Refining(crops, crops).validate(nets.Refine().eval())["score"])
+        assert np.isfinite(refine.BoxTask(crops, crops).validate(nets.Refine().eval())["score"])
 
 
 def test_settle_learns_the_presence_of_a_box_alone(known, tmp_path):
     frames = [frame for frame in known.train if frame.labelled]
     crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
-    seen = [one for one in settle._looked_at(crops, nets.Refine().eval()) if one.there]
+    seen = [one for one in settle._examples(crops, nets.Refine().eval()) if one.there]
     assert len(seen) == len(frames)
     box = labels.box(frames[0].row)
     far = dataclasses.replace(seen[0], said=Level(box[:2] - 900.0, 100.0, 0.3))
@@ -116,7 +116,7 @@ def test_settle_learns_the_presence_of_a_box_alone(known, tmp_path):
         assert learned["present"] == 1
         assert not learned["known"].any()
         assert not learned["turned"].any()
-    assert "centre_error" not in settle.Settling([crops], [crops], nets.Refine().eval()).validate(nets.Refine().eval())
+    assert "centre_error" not in settle.PoseTask([crops], [crops], nets.Refine().eval()).validate(nets.Refine().eval())
 
 
 # Which frames ----------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ pytest.importorskip("onnx")
 from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
-from simgrab.instrument.detect import WEIGHTS, Bundled  # noqa: E402
+from simgrab.instrument.detect import WEIGHTS, GrabDetector  # noqa: E402
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.model.scenario import Mesh, variants  # noqa: E402
@@ -88,7 +88,7 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
     found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS)
     assert found.metrics["recall"] > 0.5  # which random weights would not reach in a step
     assert found.metrics["before"]["frames"] == found.metrics["frames"]
-    thresholds = [Bundled(folder).settings.least_presence for folder in (WEIGHTS, tmp_path / "out")]
+    thresholds = [GrabDetector(folder).settings.least_presence for folder in (WEIGHTS, tmp_path / "out")]
     assert thresholds[1] == thresholds[0] > 0.2  # few frames show no grab
     for name in NETS:
         card = json.loads((tmp_path / "out" / f"{name}.json").read_text())

@@ -16,17 +16,17 @@ pytest.importorskip("onnx")
 from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import DetectorError, TrainingError  # noqa: E402
-from simgrab.instrument.detect import ANY_GRAB, SHIPPED, Bundled  # noqa: E402
+from simgrab.instrument.detect import GENERIC, SHIPPED, GrabDetector  # noqa: E402
 from simgrab.instrument.detect.boxes import iou  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.geometry import to_camera  # noqa: E402
 from simgrab.training.detector import cache, export, refine, settings, verify  # noqa: E402
-from simgrab.training.detector.augment import Turn  # noqa: E402
+from simgrab.training.detector.augment import Orientation  # noqa: E402
 from simgrab.training.detector.nets import Refine, Verify  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 
-START = SHIPPED[ANY_GRAB]
+START = SHIPPED[GENERIC]
 pytestmark = pytest.mark.skipif(not (START / "find.onnx").exists(), reason="no detector's weights are bundled")
 TINY = verify.recipe(epochs=1, half=False, threads=1, batch=4)
 
@@ -46,10 +46,10 @@ def picture(dataset, frame=0):
 
 def test_the_presence_is_of_settle_and_verify_and_the_rest_of_the_others(four, dataset):
     seen = picture(dataset)
-    three, all_four = Bundled(START), Bundled(four)
+    three, all_four = GrabDetector(START), GrabDetector(four)
     box = three.candidates(seen)[0].box
     refined = three.refine(seen, [box])
-    alone, together = three.settle(seen, refined), all_four.settle(seen, refined)
+    alone, together = three.predict_pose(seen, refined), all_four.predict_pose(seen, refined)
     np.testing.assert_array_equal(together.centres, alone.centres)
     np.testing.assert_array_equal(together.yaw, alone.yaw)
     assert 0 < together.presence[0] < 1
@@ -58,7 +58,7 @@ def test_the_presence_is_of_settle_and_verify_and_the_rest_of_the_others(four, d
         decided = four.parent / f"decided{sense}"
         shutil.copytree(four, decided, dirs_exist_ok=True)
         _constant(decided / "verify.onnx", logit)
-        change = Bundled(decided).settle(seen, refined).presence[0] - alone.presence[0]
+        change = GrabDetector(decided).predict_pose(seen, refined).presence[0] - alone.presence[0]
         assert np.sign(change) == sense
 
 
@@ -66,19 +66,19 @@ def test_a_box_whose_edges_are_unsure_is_less_present(four, dataset, tmp_path):
     """The odds of the presence fall with the square of the standard deviation."""
     shutil.copytree(four, tmp_path / "even")
     _constant(tmp_path / "even" / "verify.onnx", 0.0)
-    seen, looks = picture(dataset), Bundled(tmp_path / "even")
+    seen, looks = picture(dataset), GrabDetector(tmp_path / "even")
     refined = looks.refine(seen, [looks.candidates(seen)[0].box])
     side = (refined.boxes[0][2:] - refined.boxes[0][:2]).max()
     odds = []
     for share in (0.02, 0.04):
-        presence = looks.settle(seen, replace(refined, box_sd=np.full((1, 4), share * side))).presence[0]
+        presence = looks.predict_pose(seen, replace(refined, box_sd=np.full((1, 4), share * side))).presence[0]
         odds.append(presence / (1 - presence))
     assert odds[0] / odds[1] == pytest.approx(4, rel=1e-3)
 
 
 def test_what_is_suspected_is_refined_and_listed_once(dataset):
     frames = cache.frames([datasets.read(dataset)], "train")[:3]
-    for frame, boxes in zip(frames, verify.suspects(Bundled(START), frames), strict=True):
+    for frame, boxes in zip(frames, verify.suspects(GrabDetector(START), frames), strict=True):
         apart = [iou(a, b) for i, a in enumerate(boxes) for b in boxes[:i]]
         assert max(apart, default=0) < verify._SAME
         if frame.labelled:
@@ -109,10 +109,10 @@ def test_a_detector_that_says_it_has_four_nets_needs_four(four, tmp_path):
     shutil.copytree(four, tmp_path / "three")
     (tmp_path / "three" / "verify.onnx").unlink()
     with pytest.raises(DetectorError, match=r"verify\.onnx: No such file"):
-        Bundled(tmp_path / "three")
+        GrabDetector(tmp_path / "three")
     shutil.copyfile(four / "settle.onnx", tmp_path / "three" / "verify.onnx")
     with pytest.raises(DetectorError, match=r"verify\.onnx is not simgrab's verify-grab network"):
-        Bundled(tmp_path / "three")
+        GrabDetector(tmp_path / "three")
 
 
 def test_the_other_nets_and_their_cards_are_those_it_was_trained_for(four):
@@ -168,7 +168,7 @@ def test_the_ropes_direction_turns_with_the_crop(dataset, tmp_path, monkeypatch,
     frames = cache.frames([datasets.read(dataset)], "train")
     crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
     example = next(one for one in verify._listed([crops]) if one.there and verify._ropes(one).any())
-    laid = Turn(mirror, quarters)
+    laid = Orientation(mirror, quarters)
     monkeypatch.setattr(verify, "turn", lambda *_, **__: laid)
     x, y = verify._ropes(example)
     turned = verify._learned(example, np.random.default_rng(0), lambda picture, _rng: picture)["ropes"]
@@ -198,5 +198,5 @@ def test_a_detector_that_begins_with_four_nets_keeps_the_fourth_and_the_threshol
           start=start)  # fmt: skip
     assert (out / "verify.onnx").read_bytes() == (four / "verify.onnx").read_bytes()
     assert (out / "verify.md").exists()
-    assert Bundled(out)._verify is not None
-    assert Bundled(out).settings.least_presence == 0.95  # few frames show no grab
+    assert GrabDetector(out)._verify is not None
+    assert GrabDetector(out).settings.least_presence == 0.95  # few frames show no grab

@@ -192,7 +192,7 @@ def test_foreign_folders_are_refused(scene, tmp_path):
     assert [p.name for p in tmp_path.rglob("*")] == ["thesis", "chapter1.tex"]
 
 
-def test_a_full_disk_is_told_and_survived(dataset, scene, tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_and_survived(dataset, scene, tmp_path, monkeypatch):
     real, left = Path.write_bytes, [9]
 
     def write_bytes(self, data):

@@ -117,7 +117,7 @@ def test_a_generated_font_has_ten_different_digits_the_same_every_time(style: st
             assert ((a > 0) ^ (b > 0)).sum() > 100  # px; 100 px high
 
 
-def test_generated_colours_can_be_told_apart() -> None:
+def test_generated_colours_can_be_distinguished() -> None:
     luma = np.array([0.299, 0.587, 0.114])
     for shape in np.random.default_rng(2).random(200).tolist():
         ink = faces.ink(GeneratedFont(shape=shape))

@@ -216,7 +216,7 @@ def test_frames_share_no_pixels_with_an_effect():
     assert buffer.flags.writeable
 
 
-def test_partials_are_told_apart_and_lambdas_are_not_resumed(tmp_path):
+def test_partials_are_distinguished_and_lambdas_are_not_resumed(tmp_path):
     one, other, same = (Extensions.of(None, None, [partial(lent, k)]).describe() for k in (1, 2, 1))
     assert one == same != other
     with pytest.raises(ExtensionError, match="cannot be recognised again"):

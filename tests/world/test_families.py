@@ -297,7 +297,7 @@ def test_a_family_is_imported_when_it_is_drawn_and_named_where_it_is_missing(mon
         design_of(Assembled(shape=0.123))
 
 
-def test_designs_that_differ_in_looks_alone_are_one() -> None:
+def test_designs_that_differ_in_appearance_alone_are_one() -> None:
     assert design_of(Clamshell(wear=0.1, cargo="ore")) is design_of(Clamshell(wear=0.9, paint_rgb=(0, 0, 0)))
 
 

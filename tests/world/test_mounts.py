@@ -43,7 +43,7 @@ def test_a_camera_that_hangs_straight_keeps_its_azimuth():
 
 
 @pytest.mark.parametrize(("frequency", "damping"), [(0.5, 0.2), (0.25, 0.5), (1.0, 0.1)])
-def test_a_levelled_mount_answers_as_a_second_order_system_and_settles_on_apparent_gravity(frequency, damping):
+def test_a_levelled_mount_responds_as_a_second_order_system_and_converges_to_apparent_gravity(frequency, damping):
     """At the intervals' ends and within them, against SciPy's system of the stated frequency and damping."""
     camera = scene({"model": "levelled", "frequency_hz": frequency, "damping": damping}, camera__beta_deg=0.0).camera
     mount, w, count = Mount(camera, STEP), 2 * np.pi * frequency, 1000

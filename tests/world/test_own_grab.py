@@ -470,7 +470,7 @@ def test_what_cannot_be_together_is_refused(files, keys, said):
         design_of(scenes.load("quay-day", {"grab": {"model": "mesh", "file": str(files["glb"]), **keys}}).grab)
 
 
-def test_the_check_shows_what_was_understood_and_what_looks_wrong(files, tmp_path):
+def test_the_check_shows_what_was_understood_and_what_may_be_wrong(files, tmp_path):
     run = CliRunner().invoke(cli, ["grab", "check", str(files["glb"]), "--out", str(tmp_path / "out")])
     assert run.exit_code == 0, run.output
     assert "HookLeft" in run.output

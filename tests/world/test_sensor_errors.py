@@ -10,13 +10,13 @@ import simgrab
 from simgrab.errors import ScenarioError
 from simgrab.model import scenes
 from simgrab.model.scenario import IMU_CLASSES, ImuNoise, variant
-from simgrab.world.sensors.errors import Clock, Errors, streams
+from simgrab.world.sensors.errors import SensorClock, SensorErrors, streams
 
 near = functools.partial(np.testing.assert_allclose, rtol=0)
 
 
 def triad(seed=0, clip=0, name="imu0", **changes):
-    return Errors(3, streams(seed, clip, name), **{"rate_hz": 200.0} | changes)
+    return SensorErrors(3, streams(seed, clip, name), **{"rate_hz": 200.0} | changes)
 
 
 def allan(values, samples):
@@ -109,7 +109,7 @@ def test_readings_stay_in_range_and_are_whole_counts():
 
 
 def test_a_clock_stamps_late_and_runs_fast():
-    clock = Clock(100.0, offset=0.25, drift=1e-4)
+    clock = SensorClock(100.0, offset=0.25, drift=1e-4)
     samples = np.arange(1_000_001.0)
     true, stamped = clock.times(samples), clock.stamps(samples)
     np.testing.assert_allclose(stamped, 0.25 + (1 + 1e-4) * true, rtol=1e-14)
@@ -119,7 +119,7 @@ def test_a_clock_stamps_late_and_runs_fast():
 
 def test_clocks_are_drawn_with_the_spread_that_was_set():
     errors = ImuNoise(clock_offset_ms=5.0, clock_drift_ppm=20.0)
-    drawn = [Clock.draw(100.0, errors, streams(0, clip, "imu0")) for clip in range(1000)]
+    drawn = [SensorClock.draw(100.0, errors, streams(0, clip, "imu0")) for clip in range(1000)]
     assert np.std([clock.offset for clock in drawn]) == pytest.approx(5e-3, rel=0.1)
     assert np.std([clock.drift for clock in drawn]) == pytest.approx(20e-6, rel=0.1)
 

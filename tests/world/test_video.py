@@ -252,7 +252,7 @@ def test_two_writers_do_not_share_a_place(rough, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_told_and_survived(videos, rough, tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_and_survived(videos, rough, tmp_path, monkeypatch):
     real = VideoFiles.draft
 
     def draft(self, clip, suffix):

@@ -14,7 +14,7 @@ from simgrab.errors import ScenarioError
 from simgrab.model import scenes
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs.four_rope import four_rope
-from simgrab.world.trajectory.axis import Axis, Move
+from simgrab.world.trajectory.axis import CommandedAxis, Move
 from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.work import OPEN, Work
 
@@ -35,7 +35,7 @@ def test_a_move_goes_its_distance_at_its_speed_from_rest_to_rest(distance, speed
 
 def test_forgetting_changes_nothing_that_follows():
     moves = [Move.at_speed(10.0 * k, (-1) ** k * 3.0, 1.0, 2.0) for k in range(8)]
-    whole, short = Axis(5.0, list(moves)), Axis(5.0, list(moves))
+    whole, short = CommandedAxis(5.0, list(moves)), CommandedAxis(5.0, list(moves))
     short.forget(45.0)
     assert len(short.moves) < 5
     later = np.linspace(45.0, 90.0, 200)

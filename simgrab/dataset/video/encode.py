@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simgrab.dataset import manifest, tables
 from simgrab.dataset.summary import Tally, clamped
-from simgrab.dataset.tables import Labels
+from simgrab.dataset.tables import LabelWriter
 from simgrab.dataset.video import table
 from simgrab.dataset.video.coder import Coder
 from simgrab.dataset.video.files import MANIFEST, VideoFiles
@@ -69,7 +69,7 @@ def encode_clip(
             scenario.clip,
         ) as coder,
         videos.draft(clip, ".parquet").open("wb") as file,
-        closing(Labels(file, schema, table.GROUP_ROWS)) as rows,
+        closing(LabelWriter(file, schema, table.GROUP_ROWS)) as rows,
     ):  # fmt: skip
         for slot in slots(scenario, clip, container.ticks_per_s):
             shot = take(slot.frame) if slot.shows_frame or also(slot.frame) else None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from simgrab.dataset import pool, record, stored
 from simgrab.dataset.manifest import identity
-from simgrab.dataset.pool import Frames, Progress, Tick
+from simgrab.dataset.pool import FrameNumbers, Progress, Tick
 from simgrab.dataset.summary import VideoSummary
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
@@ -104,7 +104,7 @@ class Clips:
         return bool(self.remaining) or self.videos.partial.exists()
 
     @contextmanager
-    def opened(self) -> Iterator[list[Frames]]:  # noqa: D102
+    def opened(self) -> Iterator[list[FrameNumbers]]:  # noqa: D102
         with self.videos.journal.opened(self.videos.identity):
             yield [self.videos.scenario.span(clip) for clip in self.remaining]
 
@@ -129,7 +129,7 @@ class ClipWork:
     videos: VideoFiles
     journal: Journal | None
 
-    def __call__(self, generator: FrameGenerator, frames: Frames, tick: Tick) -> Fingerprint:
+    def __call__(self, generator: FrameGenerator, frames: FrameNumbers, tick: Tick) -> Fingerprint:
         """Make the clip's frames, each once."""
         clip = generator.scenario.clip.of(frames[0])
         rendered_by = generator.scene(frames[0]).renderer.fingerprint

@@ -1,4 +1,4 @@
-"""Where the grab is in a picture: the bundled detector, or a user's own YOLO, by one protocol."""
+"""Where the grab is in a picture: a detector of our nets, or a user's own YOLO, by one protocol."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import os
 from pathlib import Path
 
 from simgrab.errors import DetectorError
-from simgrab.instrument.detect.bundled import ANY_GRAB, BUNDLED, FIND, REFINE, SETTLE, SHIPPED, WEIGHTS, Bundled
+from simgrab.instrument.detect.bundled import FIND, FOUR_ROPE, GENERIC, REFINE, SETTLE, SHIPPED, WEIGHTS, GrabDetector
 from simgrab.instrument.detect.contract import Detector
 from simgrab.instrument.detect.yolo import Yolo
 from simgrab.instrument.net import open_net
 
 
-def detector(name: str | Path = BUNDLED) -> Detector:
+def detector(name: str | Path = FOUR_ROPE) -> Detector:
     """Open a detector.
 
     Parameters
@@ -38,10 +38,10 @@ def detector(name: str | Path = BUNDLED) -> Detector:
             f"no weights are bundled for {name!r}: name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
         )
     if os.path.isdir(path):  # noqa: PTH112  # unlike Path.is_dir answers no where a name is too long
-        return Bundled(path)
+        return GrabDetector(path)
     net = open_net(path)
     if net.facts.get("task") in (FIND, REFINE, SETTLE):
-        return Bundled(path.parent)
+        return GrabDetector(path.parent)
     return Yolo(net)
 
 
@@ -50,4 +50,4 @@ def located(name: str | Path) -> Path:
     return SHIPPED[name] if isinstance(name, str) and name in SHIPPED else Path(name)
 
 
-__all__ = ["ANY_GRAB", "BUNDLED", "SHIPPED", "WEIGHTS", "Bundled", "Detector", "Yolo", "detector", "located"]
+__all__ = ["FOUR_ROPE", "GENERIC", "SHIPPED", "WEIGHTS", "Detector", "GrabDetector", "Yolo", "detector", "located"]

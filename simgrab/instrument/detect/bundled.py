@@ -1,6 +1,6 @@
-"""The bundled detector, of three nets.
+"""The detector of the grab, of three or four nets; simgrab comes with two, by the names in `SHIPPED`.
 
-One finds the grab in the shrunken picture, one refines it in a crop of the whole one, and one settles centre and yaw,
+One finds the grab in the shrunken picture, one refines it in a crop of the whole one, and one predicts centre and yaw,
 and whether it is the grab, in what is left when the picture is turned level: with size, place and yaw known, only small
 corrections remain. A fourth, where there is one, gets more of the surroundings, and predicts the last as well. For the
 default detector, refining twice makes boxes no better (mAP50-95 0.967 either way) and takes a fifth of the time. Where
@@ -47,9 +47,9 @@ from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 
 WEIGHTS = ASSETS / "weights"
-BUNDLED, ANY_GRAB = "bundled", "any-grab"
+FOUR_ROPE, GENERIC = "bundled", "any-grab"
 #: Folders of the detectors that simgrab comes with, by name.
-SHIPPED = {BUNDLED: WEIGHTS, ANY_GRAB: WEIGHTS / ANY_GRAB}
+SHIPPED = {FOUR_ROPE: WEIGHTS, GENERIC: WEIGHTS / GENERIC}
 # Tasks that the files' metadata names.
 FIND, REFINE, SETTLE, VERIFY = "find-grab", "refine-grab", "settle-grab", "verify-grab"
 _CROP = (REFINE_SIZE, REFINE_SIZE, 4)
@@ -86,15 +86,15 @@ class Settings(Checked, frozen=True):
     least_heat : float
         From which on a place is a candidate.
     least_presence : float
-        From which on settle's word makes it a grab.
+        Least output of settle at which it is a grab.
     rivals : float
         Share of the best candidate's heat above which other candidates are refined in the first pass too.
     room : float
         Side of refine's crop, over the box's longer side.
     passes : int
-        How often refine looks at the best candidate, each time around the box that it gave before.
+        How often refine runs on the best candidate, each time around the box that it gave before.
     flips : int
-        In how many of four mirror images, the crop itself among them, settle looks at a crop, and refine in its last
+        In how many of four mirror images, the crop itself among them, settle gets a crop, and refine in its last
         pass; their outputs are averaged.
     """
 
@@ -170,8 +170,8 @@ class Refined:
         return Level(self.centres[0], LEVEL_ROOM * float((box[2:] - box[:2]).max()), float(self.yaw[0]))
 
 
-class Bundled:
-    """The bundled detector (`simgrab.instrument.detect.contract.Detector`).
+class GrabDetector:
+    """A detector of nets of our own (`simgrab.instrument.detect.contract.Detector`).
 
     Parameters
     ----------
@@ -206,10 +206,10 @@ class Bundled:
             _opened(folder / "verify.onnx", VERIFY, (VERIFY_SIZE, VERIFY_SIZE, 4), _VERDICT)
             if facts.get("verified") is True else None
         )  # fmt: skip
-        self.name = BUNDLED if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
+        self.name = FOUR_ROPE if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
 
     def __call__(self, picture: Picture) -> Detection:
-        """Look at a picture."""
+        """Detect the grab in a picture."""
         contract.check(picture)
         candidates = self.candidates(picture)
         if not candidates or candidates[0].heat < self.settings.least_heat:
@@ -220,7 +220,7 @@ class Bundled:
         best = refined.one(int(np.argmax(refined.presence * [candidate.heat for candidate in close])))
         for left in reversed(range(self.settings.passes - 1)):
             best = self.refine(picture, [best.boxes[0]], last=not left)
-        found = self.settle(picture, best)
+        found = self.predict_pose(picture, best)
         if found.presence[0] < max(_SURE, self.settings.least_presence):
             found = max([found, *self._again(picture, candidates)], key=lambda one: float(one.presence[0]))
         presence = float(found.presence[0])
@@ -229,7 +229,7 @@ class Bundled:
         return _detection(found, presence, picture, self.trust)
 
     def _again(self, picture: Picture, candidates: list[Candidate]) -> list[Refined]:
-        """Look at more candidates more often, each time from where the grab was seen, and settle them all.
+        """Refine more candidates more often, each time from where the grab was seen, and predict the pose in each.
 
         The hottest are not enough: where other grabs stand about, the one that is meant may come after them. Nor is the
         hottest at its own size: find may mark the grab, and predict a box so much too great or small that refine fails.
@@ -242,7 +242,7 @@ class Bundled:
         for left in reversed(range(PASSES - 1)):
             refined = self.refine(picture, boxes, last=not left)
             boxes = list(refined.boxes)
-        return [self.settle(picture, refined.one(i)) for i in range(len(boxes))]
+        return [self.predict_pose(picture, refined.one(i)) for i in range(len(boxes))]
 
     def candidates(self, picture: Picture) -> list[Candidate]:
         """Places that find takes for the grab, the hottest first."""
@@ -256,7 +256,7 @@ class Bundled:
         ]
 
     def refine(self, picture: Picture, boxes: list[Array], *, last: bool = False) -> Refined:
-        """Look closely at crops around n boxes, each of shape (4,), px; in the last pass at mirror images too."""
+        """Refine crops around n boxes, each of shape (4,), px; in the last pass at mirror images too."""
         patches = [around(_sound(box), self.settings.room) for box in boxes]
         crops = np.stack([cut_with_mask(picture, patch, REFINE_SIZE) for patch in patches])
         rows = self._rows(self._refine, crops, self.settings.flips if last else 1)
@@ -267,15 +267,15 @@ class Bundled:
         rows = _run(net, flipped(crops, ways), _ROWS)[0]
         return rows if ways == 1 else averaged(_sane(rows), ways)
 
-    def settle(self, picture: Picture, refined: Refined) -> Refined:
+    def predict_pose(self, picture: Picture, refined: Refined) -> Refined:
         """Predict presence, centre and yaw of one refined box (n = 1) again."""
         level = refined.level()
         crop = cut_level(picture, level, REFINE_SIZE)[None]
-        found = settled(refined, self._rows(self._settle, crop, self.settings.flips), level)
+        found = with_pose(refined, self._rows(self._settle, crop, self.settings.flips), level)
         return found if self._verify is None else self._verified(picture, found, self._verify)
 
     def _verified(self, picture: Picture, found: Refined, net: Net) -> Refined:
-        """Presence of a settled box (n = 1): the mean of settle's and verify's logits, less where the box is unsure."""
+        """Presence of one box (n = 1): the mean of settle's and verify's logits, less where the box is unsure."""
         box = _sound(found.boxes[0])
         crop = cut_with_mask(picture, around(box, VERIFY_ROOM), VERIFY_SIZE)[None]
         own = _bounded(_run(net, crop, _VERDICT)[0][:, 0].astype(float), -_LIMIT)
@@ -327,7 +327,7 @@ def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: in
     )  # fmt: skip
 
 
-def settled(refined: Refined, out: NDArray[np.floating], level: Level) -> Refined:
+def with_pose(refined: Refined, out: NDArray[np.floating], level: Level) -> Refined:
     """Put settle's output (1, 16) on a level part in place of refine's output, except for the box."""
     o = _sane(out)[0]
     sd = math.sqrt(2) * np.exp(o[10:12]) * level.side

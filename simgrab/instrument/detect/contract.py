@@ -19,7 +19,7 @@ class Detector(Protocol):
         """What it is called in reports."""
 
     def __call__(self, picture: NDArray[np.uint8]) -> Detection:
-        """Look at a picture, RGB, (height, width, 3).
+        """Detect the grab in a picture, RGB, (height, width, 3).
 
         Raises
         ------

@@ -13,10 +13,10 @@ import numpy as np
 import pyarrow as pa
 
 from simgrab.errors import DatasetError, DetectorError, SourceError
-from simgrab.instrument.detect import BUNDLED, Detector
+from simgrab.instrument.detect import FOUR_ROPE, Detector
 from simgrab.instrument.detect import detector as open_detector
 from simgrab.instrument.detect.patches import Picture
-from simgrab.instrument.source import Files, open_source
+from simgrab.instrument.source import PictureFiles, open_source
 from simgrab.io import parquet
 from simgrab.io.destination import check_file, writing
 from simgrab.io.files import drafted
@@ -51,7 +51,7 @@ class Detections:
 
 
 def detect(
-    source: str | Path, detector: str | Path | Detector = BUNDLED, progress: Progress | None = None
+    source: str | Path, detector: str | Path | Detector = FOUR_ROPE, progress: Progress | None = None
 ) -> Detections:
     """Detect the grab in a picture, a folder of pictures or a dataset, writing nothing.
 
@@ -84,21 +84,21 @@ def detect(
     (6, 'found')
     """
     opened = open_source(source)
-    if not isinstance(opened, Files):
+    if not isinstance(opened, PictureFiles):
         raise SourceError(f"{opened.name} is a video; simgrab run measures it")
-    looks = open_detector(detector) if isinstance(detector, str | Path) else detector
-    return replace(_detect(opened.files, _whole(opened), looks, progress), note=opened.note)
+    chosen = open_detector(detector) if isinstance(detector, str | Path) else detector
+    return replace(_detect(opened.files, _whole(opened), chosen, progress), note=opened.note)
 
 
 def detect_dataset(
-    path: Path, rows: Sequence[frame_files.Row], detector: Detector, progress: Progress | None = None
+    path: Path, rows: Sequence[frame_files.PictureRow], detector: Detector, progress: Progress | None = None
 ) -> Detections:
     """Detect the grab in pictures of a dataset, which must be those that its labels are of; see `detect`."""
     files = [path / row.file for row in rows]
     return _detect(files, map(frame_files.picture, files, rows), detector, progress)
 
 
-def _whole(source: Files) -> Iterator[Picture]:
+def _whole(source: PictureFiles) -> Iterator[Picture]:
     for frame in source:
         if frame.picture is None:
             raise SourceError(f"{source.name}: {frame.reason}")
@@ -121,35 +121,35 @@ def _detect(
     return Detections(detector.name, tuple(files), tuple(detections), tuple(seconds))
 
 
-def rows(found: Detections) -> list[dict[str, Any]]:
+def rows(detections: Detections) -> list[dict[str, Any]]:
     """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box centre where the detector outputs none."""
     return [
         {"file": encodable(path)} | _row(detection) | {"seconds": seconds}
-        for path, detection, seconds in zip(found.files, found.detections, found.seconds, strict=True)
+        for path, detection, seconds in zip(detections.files, detections.detections, detections.seconds, strict=True)
     ]
 
 
-def centre(found: Detection) -> Any:
+def centre(detection: Detection) -> Any:
     """Grab centre of a detection, or the box centre where it has none, (2,), px; NaN where nothing was found."""
-    if found.centre is not None:
-        return found.centre
-    return np.full(2, np.nan) if found.box is None else (found.box[:2] + found.box[2:]) / 2
+    if detection.centre is not None:
+        return detection.centre
+    return np.full(2, np.nan) if detection.box is None else (detection.box[:2] + detection.box[2:]) / 2
 
 
-def _row(found: Detection) -> dict[str, Any]:
+def _row(detection: Detection) -> dict[str, Any]:
     def spread(names: Sequence[str], values: Any) -> dict[str, float | None]:
         return dict.fromkeys(names) if values is None else dict(zip(names, map(float, values), strict=True))
 
     edges = ("x0", "y0", "x1", "y1")
-    where = centre(found) if found.found else None
+    where = centre(detection) if detection.found else None
     return {
-        "status": found.status, "reason": encodable(found.reason), "score": found.score,
-        **spread([f"box_{e}_px" for e in edges], found.box),
+        "status": detection.status, "reason": encodable(detection.reason), "score": detection.score,
+        **spread([f"box_{e}_px" for e in edges], detection.box),
         **spread(("u_px", "v_px"), where),
-        **spread([f"box_{e}_sd_px" for e in edges], found.box_sd_px),
-        **spread(("u_sd_px", "v_sd_px"), found.centre_sd_px),
-        "yaw_deg": None if found.yaw is None else float(np.rad2deg(found.yaw)),
-        "yaw_sd_deg": None if found.yaw_sd is None else float(np.rad2deg(found.yaw_sd)),
+        **spread([f"box_{e}_sd_px" for e in edges], detection.box_sd_px),
+        **spread(("u_sd_px", "v_sd_px"), detection.centre_sd_px),
+        "yaw_deg": None if detection.yaw is None else float(np.rad2deg(detection.yaw)),
+        "yaw_sd_deg": None if detection.yaw_sd is None else float(np.rad2deg(detection.yaw_sd)),
     }  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def check_table(path: Path) -> None:
     check_file(path, DatasetError)
 
 
-def save(found: Detections, path: str | Path) -> None:
+def save(detections: Detections, path: str | Path) -> None:
     """Write the rows to ``.parquet`` or ``.csv``, which `simgrab estimate` reads as they are; all of them or no file.
 
     Raises
@@ -175,7 +175,7 @@ def save(found: Detections, path: str | Path) -> None:
     """
     path = Path(path)
     check_table(path)
-    table = rows(found)
+    table = rows(detections)
     with writing(path, DatasetError), drafted(path) as draft:
         if path.suffix.lower() == ".parquet":
             parquet.write(pa.Table.from_pylist(table), draft)

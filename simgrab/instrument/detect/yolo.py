@@ -46,7 +46,7 @@ EXPECTED = (
 
 
 @dataclass(frozen=True)
-class Layout:
+class OutputLayout:
     """How an output is to be read: whose it is, and whether places must be decoded still."""
 
     family: Literal["yolov5", "yolov6", "yolox", "yolov8"]
@@ -95,7 +95,7 @@ class Yolo:
         return printable(self._net.path.name)
 
     def __call__(self, picture: Picture) -> Detection:
-        """Look at a picture."""
+        """Detect the grab in a picture."""
         contract.check(picture)
         yolox = self.layout.family == "yolox"
         patch = whole(picture.shape[1], picture.shape[0], self.width / self.height, centred=not yolox)
@@ -126,31 +126,31 @@ def _detects(net: Net, height: int, width: int) -> bool:
     return net.metadata.get("task", "detect") == "detect" and not masks
 
 
-def layout(out: NDArray[np.generic], height: int, width: int) -> Layout | None:
+def layout(out: NDArray[np.generic], height: int, width: int) -> OutputLayout | None:
     """Recognize an output's layout, by its values on a blank picture; None if it is no known one."""
     if out.ndim != 3 or out.shape[0] != 1:
         return None
     cells = sum((height // s) * (width // s) for s in _STRIDES)
     rows, columns = out.shape[1:]
     if columns == cells and 5 <= rows < columns:
-        return Layout("yolov8")
+        return OutputLayout("yolov8")
     if columns < 6:
         return None
     if rows == _ANCHORS * cells:
-        return Layout("yolov5")
+        return OutputLayout("yolov5")
     if rows == cells:  # decoded, centres lie all over the picture
         raw = bool(np.median(np.abs(out[0, :, :2])) < _STRIDES[0])
-        return Layout("yolov6" if not raw and (out[0, :, 4] == 1).all() else "yolox", raw)
+        return OutputLayout("yolov6" if not raw and (out[0, :, 4] == 1).all() else "yolox", raw)
     return None
 
 
-def decode(out: NDArray[np.generic], how: Layout, column: int, height: int, width: int) -> tuple[Array, Array]:
+def decode(out: NDArray[np.generic], how: OutputLayout, column: int, height: int, width: int) -> tuple[Array, Array]:
     """Read an output.
 
     Parameters
     ----------
     out : ndarray, shape (1, n, 5 + classes) or (1, 4 + classes, n)
-    how : Layout
+    how : OutputLayout
     column : int
         The grab's among the classes.
     height, width : int

@@ -34,7 +34,7 @@ _OWN = {
 _OTHERS = ("contract:Estimator", "intervals:IntervalSettings", "inertial.estimator:InertialFusion")
 
 
-class Table(Mapping[str, "type[Estimator]"]):
+class EstimatorTable(Mapping[str, "type[Estimator]"]):
     """Name on the command line → class, which can be made without arguments and is imported when it is asked for.
 
     Parameters
@@ -80,7 +80,7 @@ class Table(Mapping[str, "type[Estimator]"]):
         return len(self._places)
 
 
-ESTIMATORS = Table(_OWN)
+ESTIMATORS = EstimatorTable(_OWN)
 
 
 def __getattr__(name: str) -> Any:

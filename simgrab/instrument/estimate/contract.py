@@ -175,34 +175,34 @@ class FrameEstimator(Estimator):
         return conclude(self.name, frames, self._solve(frames, calibration), self.intervals, pixel_sd)
 
 
-def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSettings, pixel_sd: float) -> Estimates:
+def conclude(name: str, frames: Frames, solution: Solution, settings: IntervalSettings, pixel_sd: float) -> Estimates:
     """Angles of every frame, σ, and the intervals of all three, from a solution; the noise of a ray is in radians."""
     noise = np.full(frames.rays.shape[::2], pixel_sd**2)
     if frames.noise is not None:
         noise += frames.noise
-    ok = np.array([not r for r in found.reason], bool)
-    beta = np.where(ok, found.beta, np.nan)
-    azimuth = np.where(ok, found.azimuth, np.nan)
-    swing = tangent_basis(beta, azimuth) @ frames.rays if found.swing is None else found.swing
+    ok = np.array([not r for r in solution.reason], bool)
+    beta = np.where(ok, solution.beta, np.nan)
+    azimuth = np.where(ok, solution.azimuth, np.nan)
+    swing = tangent_basis(beta, azimuth) @ frames.rays if solution.swing is None else solution.swing
     alpha, unit = angles_of(swing)
     if frames.present is not None:
         alpha = np.where(frames.present, alpha, 0.0)
     sigma2 = frames.mean(alpha**2)
-    influence = np.concatenate([found.influence, _of_sigma2(frames, found, alpha, unit, sigma2)], axis=1)
+    influence = np.concatenate([solution.influence, _of_sigma2(frames, solution, alpha, unit, sigma2)], axis=1)
     sigma = np.sqrt(sigma2)
     # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
     bare = 2 * (1 - np.linalg.norm(frames.mean(frames.rays), axis=-1)) < NO_SCATTER**2
 
     def made(kind: str, covariance: Array, skewness: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
         q = iv.student(settings.level, degrees)
-        covariance = covariance if found.known is None else covariance + found.known
+        covariance = covariance if solution.known is None else covariance + solution.known
         cov = covariance[:, :-1, :-1]
         of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
-        if found.reach is not None:
-            below, above = (iv.radial(beta, (far / q) ** 2, cov[:, 1, 1], q) for far in found.reach(cov, q))
+        if solution.reach is not None:
+            below, above = (iv.radial(beta, (far / q) ** 2, cov[:, 1, 1], q) for far in solution.reach(cov, q))
             of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
         of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skewness, q)
-        of_alpha = alpha_ends(alpha, unit, cov, q, found.lever, noise, found.radial)
+        of_alpha = alpha_ends(alpha, unit, cov, q, solution.lever, noise, solution.radial)
         if frames.present is not None:
             of_alpha = np.where(frames.present[..., None], of_alpha, np.nan)
         for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
@@ -215,8 +215,8 @@ def conclude(name: str, frames: Frames, found: Solution, settings: IntervalSetti
     if frames.present is not None:
         alpha = np.where(frames.present, alpha, np.nan)
     return Estimates(
-        name, ok, np.array(found.reason, str), frames.count.astype(np.int64),
-        beta, azimuth, sigma, alpha, found.offset, tuple(kinds), found.diagnostics,
+        name, ok, np.array(solution.reason, str), frames.count.astype(np.int64),
+        beta, azimuth, sigma, alpha, solution.offset, tuple(kinds), solution.diagnostics,
     )  # fmt: skip
 
 
@@ -226,16 +226,16 @@ def angles_of(swing: Array) -> tuple[Array, Array]:
     return np.arctan2(sine, swing[:, 2]), swing[:, :2] * (1 / np.maximum(sine, 1e-300))[:, None]
 
 
-def _of_sigma2(frames: Frames, found: Solution, alpha: Array, unit: Array, sigma2: Array) -> Array:
+def _of_sigma2(frames: Frames, solution: Solution, alpha: Array, unit: Array, sigma2: Array) -> Array:
     """Influence on σ̂² = mean α², which also depends on where the estimate puts gravity: shape (M, 1, n)."""
     own = alpha**2 - sigma2[:, None]
     if frames.present is not None:
         own = own * frames.present
     pull = alpha[:, None] * unit
     slope = [-2 * frames.mean(pull)]
-    if found.lever is not None:
-        slope.append(-2 * frames.mean(pull * found.lever[:, None]))
-    return own[:, None] + np.concatenate(slope, axis=-1)[:, None] @ found.influence
+    if solution.lever is not None:
+        slope.append(-2 * frames.mean(pull * solution.lever[:, None]))
+    return own[:, None] + np.concatenate(slope, axis=-1)[:, None] @ solution.influence
 
 
 def alpha_ends(

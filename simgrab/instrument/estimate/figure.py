@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from simgrab.errors import RecordError
-from simgrab.instrument.estimate.measure import Measured
+from simgrab.instrument.estimate.measure import EstimatedRecord
 from simgrab.io.destination import check_file
 from simgrab.io.files import drafted
 from simgrab.model.geometry import camera_rotation
@@ -17,7 +17,7 @@ ENDINGS = (".png", ".svg", ".pdf")
 BLUE, ORANGE, GREY = "#1f5a8a", "#c8551b", "#8a8f94"
 
 
-def draw(measured: Measured) -> Figure:
+def draw(measured: EstimatedRecord) -> Figure:
     """Three panels: the picture with axis and estimated vertical, the histogram of α, its course."""
     figure = Figure(figsize=(13, 4.6), layout="constrained")
     plane, histogram, trace = figure.subplots(1, 3, width_ratios=[1.35, 1, 1.35])
@@ -35,21 +35,21 @@ def check(path: Path) -> None:
     check_file(path, RecordError, "--figure")
 
 
-def save(measured: Measured, path: str | Path) -> None:
+def save(measured: EstimatedRecord, path: str | Path) -> None:
     """Write the figure in the format of the file's ending (.svg, .png, .pdf)."""
     path = Path(path)
     with drafted(path) as draft:
         draw(measured).savefig(draft, format=path.suffix[1:].lower(), dpi=130)
 
 
-def _headline(measured: Measured) -> str:
+def _headline(measured: EstimatedRecord) -> str:
     e = measured.estimate
     if e.beta is None or e.sigma is None:
         return f"{e.estimator}: refused — {e.reason}"
     return f"{e.estimator}, {e.frames} frames:  β = {np.rad2deg(e.beta):.3f}°,  σ = {np.rad2deg(e.sigma):.3f}°"
 
 
-def _plane(axes: Axes, measured: Measured) -> None:
+def _plane(axes: Axes, measured: EstimatedRecord) -> None:
     camera = measured.calibration.intrinsics
     ideal = camera.undistort(measured.record.pixels)
     axes.plot(*ideal.T, ".", ms=2.5, alpha=0.45, color=BLUE, mew=0, label="grab centre, undistorted", rasterized=True)
@@ -66,7 +66,7 @@ def _plane(axes: Axes, measured: Measured) -> None:
     axes.legend(fontsize=7.5, loc="upper right", framealpha=0.9)
 
 
-def _histogram(axes: Axes, measured: Measured) -> None:
+def _histogram(axes: Axes, measured: EstimatedRecord) -> None:
     axes.set(xlabel="α (deg)", ylabel="frames")
     axes.set_title("swing angle", fontsize=10)
     if measured.estimate.alpha is not None:
@@ -78,7 +78,7 @@ def _histogram(axes: Axes, measured: Measured) -> None:
     )
 
 
-def _trace(axes: Axes, measured: Measured) -> None:
+def _trace(axes: Axes, measured: EstimatedRecord) -> None:
     time = measured.record.time
     axes.set(xlabel="frame" if time is None else "time (s)", ylabel="α (deg)")
     axes.set_title("over time" if time is not None else "frame by frame", fontsize=10)

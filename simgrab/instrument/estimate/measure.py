@@ -24,11 +24,11 @@ from simgrab.model.records.estimates import Estimate, Intervals
 _ANGLES = ("beta_history", "lean_sd")
 _SQUARED_ANGLES = ("sigma2_history",)
 # An offset that looks like less tilt than this is not worth a warning.
-_LOOKS_LIKE = np.deg2rad(0.1)
+_LEAST_TILT = np.deg2rad(0.1)
 
 
 @dataclass(frozen=True)
-class Measured:
+class EstimatedRecord:
     """A record, the camera it was seen by, what was made of it, and what to beware of, a line each."""
 
     record: PixelRecord
@@ -98,7 +98,7 @@ def _kind(estimator: str) -> type[Estimator]:
 
 def measure(
     path: str | Path, camera: str | Path, estimator: str = DEFAULT, *, imu: str | Path | None = None
-) -> Measured:
+) -> EstimatedRecord:
     """Estimate tilt and swing from a file.
 
     Parameters
@@ -130,7 +130,7 @@ def measure(
         )
     found = kind.estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
-    return Measured(record, calibration, found, warnings)
+    return EstimatedRecord(record, calibration, found, warnings)
 
 
 def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:
@@ -139,20 +139,20 @@ def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) ->
     if record.rope_length is None:
         if across == 0:
             return ()
-        looks = "looks like tilt"
+        effect = "looks like tilt"
     else:
         shortest = float(record.rope_length.min())
         angle = np.arctan2(across, shortest)
-        if angle <= _LOOKS_LIKE:
+        if angle <= _LEAST_TILT:
             return ()
-        looks = f"looks like up to {np.rad2deg(angle):.1f} deg of tilt on ropes from {shortest:.1f} m"
+        effect = f"looks like up to {np.rad2deg(angle):.1f} deg of tilt on ropes from {shortest:.1f} m"
     return (
-        f"the camera file's offset of {across:.2f} m {looks}, which {estimator} cannot tell apart and its intervals "
+        f"the camera file's offset of {across:.2f} m {effect}, which {estimator} cannot tell apart and its intervals "
         "leave out; rope-aware can, from rope_length_m",
     )
 
 
-def as_json(measured: Measured) -> dict[str, Any]:
+def as_json(measured: EstimatedRecord) -> dict[str, Any]:
     """Plain data in degrees, with null for what is not there; every frame's α as well."""
     estimate = measured.estimate
     plain = estimate_json(estimate) | {"warnings": list(measured.warnings), "alpha_deg": _degrees(estimate.alpha)}

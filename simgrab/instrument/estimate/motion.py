@@ -18,7 +18,7 @@ from simgrab.model.records.estimates import Estimates, Intervals
 
 
 @dataclass(frozen=True)
-class Motion:
+class EstimatedMotion:
     """What a model of the motion finds in one record of n frames.
 
     Attributes
@@ -65,7 +65,7 @@ class PathEstimator(Estimator):
     needs_time: ClassVar[bool] = True
 
     @abstractmethod
-    def _motion(self, frames: Frames, calibration: Calibration) -> Motion | str:
+    def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
         """Fit one record; returns the reason of a refusal."""
 
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
@@ -77,7 +77,7 @@ class PathEstimator(Estimator):
             parts.append((np.array([i]), found))
         return joined(parts, m)
 
-    def _state(self, frames: Frames, motion: Motion) -> Estimates:
+    def _state(self, frames: Frames, motion: EstimatedMotion) -> Estimates:
         """State a record's motion with its intervals by the posterior."""
         quantile = iv.student(self.intervals.level, np.inf)
         alpha, beta, sigma = motion.alpha, np.array([motion.beta]), np.sqrt(np.mean(motion.alpha**2))[None]

@@ -28,7 +28,7 @@ START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 
 
 @dataclass(frozen=True)
-class Priors:
+class PendulumPriors:
     """Mean and standard deviation of the static parameters, and the focal length.
 
     Attributes
@@ -41,7 +41,7 @@ class Priors:
     sd: Array
     focal_px: float
 
-    def locked(self) -> Priors:
+    def locked(self) -> PendulumPriors:
         """Lock the offset's height at its mean.
 
         It scales the whole path, and a posterior mode over path and scale together shrinks the path: that is cheaper in
@@ -75,7 +75,7 @@ def first_path(nodes: Nodes, swing: Array) -> Array:
 
 
 def fit(
-    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: Priors, searches: int = SEARCHES
+    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors, searches: int = SEARCHES
 ) -> PendulumFit:
     """Gauss–Newton to the posterior mode, with a search for the strengths before each of the first steps.
 
@@ -85,7 +85,7 @@ def fit(
     path : ndarray, shape (k, 6)
     parameters : ndarray, shape (7,)
     strengths : ndarray, shape (3,)
-    priors : Priors
+    priors : PendulumPriors
     searches : int
         How many steps search at most.
     """
@@ -109,7 +109,7 @@ def fit(
 
 
 def _linearised(
-    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: Priors
+    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors
 ) -> tuple[Weighed, Array, Array]:
     """Linearise the posterior about a path; also the weights of the pixels and their squared errors over the noise."""
     k = len(path)

@@ -10,9 +10,9 @@ import numpy as np
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
-from simgrab.instrument.estimate.motion import Motion, PathEstimator
+from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
 from simgrab.instrument.estimate.pendulum import DAMPING, DEGREES, OFFSET, STATE, STIFFNESS, THIN_S, TILT, Nodes
-from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, Priors, first_path, fit
+from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
@@ -56,13 +56,13 @@ class PendulumSmoother(PathEstimator):
     stiffness_sd: float = 0.003
     tilt_sd: float = 0.35
 
-    def _motion(self, frames: Frames, calibration: Calibration) -> Motion | str:
+    def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
         rough = RopeAware().fit(frames, calibration)
         beta, azimuth = tilt_of(rough.down[0])
         focal_px, offset_sd = calibration.focal_length_px, max(calibration.offset_sd_m, 1e-4)
         mean = np.array([0.0, 0.0, *calibration.offset_m, self.damping, 0.0])
         sd = np.array([self.tilt_sd] * 2 + [offset_sd] * 3 + [self.damping_sd, self.stiffness_sd])
-        priors = Priors(mean, sd, focal_px)
+        priors = PendulumPriors(mean, sd, focal_px)
         start = np.array([beta * np.cos(azimuth), beta * np.sin(azimuth), *rough.offset[0], self.damping, 0.0])
         try:
             nodes, found = self._fit(frames, rough.swing[0].T, start, priors)
@@ -70,7 +70,7 @@ class PendulumSmoother(PathEstimator):
             return "the record's equations are singular"
         return self._found(nodes, found, focal_px) if found.converged else f"not converged in {ROUNDS} rounds"
 
-    def _fit(self, frames: Frames, swing: Array, start: Array, priors: Priors) -> tuple[Nodes, PendulumFit]:
+    def _fit(self, frames: Frames, swing: Array, start: Array, priors: PendulumPriors) -> tuple[Nodes, PendulumFit]:
         """Fit a thinned record for the strengths where it is long, then the whole one."""
         assert frames.time is not None
         strengths = np.log([1e-3, 3 / priors.focal_px, 1e-3])
@@ -86,14 +86,14 @@ class PendulumSmoother(PathEstimator):
                 return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0)
         return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors)
 
-    def _found(self, nodes: Nodes, found: PendulumFit, focal_px: float) -> Motion:
+    def _found(self, nodes: Nodes, found: PendulumFit, focal_px: float) -> EstimatedMotion:
         tilt, minimum = found.parameters[TILT], found.minimum
         along, across = iv.split(minimum.covariance[TILT, TILT], tilt)
         s = found.path[nodes.frame, :2]
         gain = minimum.gain.reshape(-1, STATE, len(found.parameters))[nodes.frame, :2]
         # σ² = mean α² follows the parameters p by −2 mean sᵀ ∂s/∂p.
         slope = 2 * np.mean(np.einsum("ni,nij->nj", s, gain), axis=0)
-        return Motion(
+        return EstimatedMotion(
             beta=float(np.hypot(*tilt)),
             azimuth=float(np.arctan2(tilt[1], tilt[0]) % (2 * np.pi)),
             tilt_variance=(along, across),
@@ -113,7 +113,7 @@ class PendulumSmoother(PathEstimator):
             },
         )
 
-    def _state(self, frames: Frames, motion: Motion) -> Estimates:
+    def _state(self, frames: Frames, motion: EstimatedMotion) -> Estimates:
         """Add σ of a distribution, by blocks; the tilt's uncertainty is the posterior's."""
         found, level = super()._state(frames, motion), self.intervals.level
         assert frames.time is not None

@@ -14,7 +14,7 @@ from simgrab.io.resources import ASSETS
 from simgrab.model.layouts import Layout
 from simgrab.model.records.observations import Reading
 
-BUNDLED = ASSETS / "weights" / "reader.onnx"
+READER_WEIGHTS = ASSETS / "weights" / "reader.onnx"
 METADATA = "simgrab.reader"  # key of the ONNX metadata that holds the threshold
 CLASSES = 11
 NO_DIGIT = 10
@@ -54,7 +54,7 @@ class Reader:
     'refused'
     """
 
-    def __init__(self, model: str | Path = BUNDLED, *, threads: int = 1) -> None:
+    def __init__(self, model: str | Path = READER_WEIGHTS, *, threads: int = 1) -> None:
         self._net = open_net(model, ReaderError, threads)
         known = self._net.metadata.get(METADATA)
         inputs, outputs = (tuple(shape[1:] for shape in e.values()) for e in (self._net.inputs, self._net.outputs))

@@ -23,7 +23,7 @@ from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
 from simgrab.instrument.run.video import OverlayVideo
-from simgrab.instrument.source import Files, Source, camera_beside, fitting, open_source
+from simgrab.instrument.source import PictureFiles, Source, camera_beside, fitting, open_source
 from simgrab.io.destination import check_new_folder
 from simgrab.model import calibration as camera_file
 from simgrab.model.calibration import Calibration
@@ -33,7 +33,7 @@ VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
 
 
 @dataclass(frozen=True)
-class Options:
+class RunOptions:
     """How a run is made.
 
     Attributes
@@ -59,7 +59,7 @@ def run(
     camera: str | Path | Calibration | None = None,
     out: str | Path | None = None,
     instrument: Instrument | None = None,
-    options: Options | None = None,
+    options: RunOptions | None = None,
     progress: Progress | None = None,
 ) -> Run:
     """Measure a source, and write the results into a new folder where one is given.
@@ -74,16 +74,16 @@ def run(
         Is made once everything is there: tables, alarms, annotated video, report. Nothing is written without it.
     instrument : Instrument, optional
         simgrab's own pipeline unless given.
-    options : Options, optional
+    options : RunOptions, optional
     progress : callable, optional
-        Told how many frames are measured, and of how many.
+        Called with how many frames are measured, and of how many.
 
     Raises
     ------
     SourceError, CalibrationError, DetectorError, ReaderError, InstrumentError, RecordError, RunError
         In one line what is wrong; then nothing lies at ``out``.
     """
-    options = options or Options()
+    options = options or RunOptions()
     if out is not None:
         check_new_folder(Path(out), RunError)
     if not isinstance(camera, Calibration):
@@ -155,7 +155,7 @@ def measure(
 
 
 def _whole(
-    source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path | None,
+    source: Source, calibration: Calibration, instrument: Instrument, options: RunOptions, folder: Path | None,
     progress: Progress | None,
 ) -> tuple[Run, OverlayVideo]:  # fmt: skip
     """Measure, and go through the source again for the annotated video: it must give the same frames.
@@ -175,7 +175,7 @@ def _whole(
 
 
 def _live(
-    source: Source, calibration: Calibration, instrument: Instrument, options: Options, folder: Path | None,
+    source: Source, calibration: Calibration, instrument: Instrument, options: RunOptions, folder: Path | None,
     progress: Progress | None,
 ) -> tuple[Run, OverlayVideo]:  # fmt: skip
     """Measure and annotate at once; an interrupt ends the record, as the end of the stream does."""
@@ -236,11 +236,11 @@ class _Notes:
         )
 
 
-def _named(found: Run, source: Source) -> Run:
+def _named(run: Run, source: Source) -> Run:
     """Add to a dataset's run what it is known by."""
-    if not (isinstance(source, Files) and source.labels_sha256):
-        return found
-    return replace(found, about=found.about | {"labels_sha256": source.labels_sha256})
+    if not (isinstance(source, PictureFiles) and source.labels_sha256):
+        return run
+    return replace(run, about=run.about | {"labels_sha256": source.labels_sha256})
 
 
 def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:

@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from simgrab.dataset import manifest, stored, tables
 from simgrab.dataset.datasets import MANIFEST
-from simgrab.dataset.record import Record
+from simgrab.dataset.record import FrameRecord
 from simgrab.dataset.summary import Tally
 from simgrab.errors import DatasetError, PictureError, SimgrabError
 from simgrab.io import pictures
@@ -277,7 +277,7 @@ def _compare_picture(found: Findings, path: Path, row: Row, name: str, expected:
 
 
 def _compare_exports(
-    found: Findings, data: _Dataset, stored: Row, record: Record, coco: dict[int, Any], same: bool
+    found: Findings, data: _Dataset, stored: Row, record: FrameRecord, coco: dict[int, Any], same: bool
 ) -> None:
     row = record.truth
     name = f"labels/{row.split}/{row.frame:06d}.txt"

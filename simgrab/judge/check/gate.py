@@ -29,7 +29,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Options:
+class CheckOptions:
     """How a suite is checked.
 
     Attributes
@@ -60,7 +60,7 @@ class Options:
     progress: Progress | None = None
 
 
-def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
+def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Report:
     """Show a suite's scenes to an instrument, and judge what it measures.
 
     An instrument that cannot be made, that raises or that breaks the contract fails the check, with one line.
@@ -69,7 +69,7 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     ----------
     suite : Suite, str or path
         Or what `simgrab.judge.check.suite.load` takes.
-    options : Options, optional
+    options : CheckOptions, optional
 
     Returns
     -------
@@ -82,7 +82,7 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     ScenarioError, DatasetError, RendererError
         If its frames cannot be made.
     """
-    options, suite = options or Options(), suite if isinstance(suite, Suite) else load(suite)
+    options, suite = options or CheckOptions(), suite if isinstance(suite, Suite) else load(suite)
     check_folder(options.cache, SuiteError, "--cache")
     seed = suite.seed if options.seed is None else options.seed
     try:
@@ -95,13 +95,13 @@ def check(suite: Suite | str | Path, options: Options | None = None) -> Report:
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
 
-def record(suite: Suite, options: Options | None = None, seeds: int | None = None) -> Report:
+def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None = None) -> Report:
     """Measure a suite over several seeds and write the baseline: metrics, and golden frames of the first seed.
 
     Parameters
     ----------
     suite : Suite
-    options : Options, optional
+    options : CheckOptions, optional
         ``seed`` is not for this.
     seeds : int, optional
         How many, from the suite's own on; by default the suite's ``seeds``.
@@ -116,7 +116,7 @@ def record(suite: Suite, options: Options | None = None, seeds: int | None = Non
     SuiteError, ScenarioError, DatasetError, RendererError
         As `check`, and where the baseline would be that of another instrument.
     """
-    options = options or Options()
+    options = options or CheckOptions()
     folder = options.baseline or Path(suite.baseline)
     if _foreign(suite, options):
         raise SuiteError(f"{folder} is the baseline of {suite.instrument}; name another by --baseline")
@@ -143,23 +143,23 @@ def record(suite: Suite, options: Options | None = None, seeds: int | None = Non
     return Report(suite.name, instrument.name, suite.seed, (), notes, scenes)
 
 
-def _instrument(suite: Suite, options: Options) -> Instrument:
+def _instrument(suite: Suite, options: CheckOptions) -> Instrument:
     chosen = suite.instrument if options.instrument is None else options.instrument
     return open_instrument(chosen) if isinstance(chosen, str) else checked(chosen)
 
 
-def _foreign(suite: Suite, options: Options) -> bool:
+def _foreign(suite: Suite, options: CheckOptions) -> bool:
     """Whether the baseline that is at hand is not that of the instrument."""
     return options.instrument not in (None, suite.instrument) and options.baseline is None
 
 
-def _unmade(suite: Suite, options: Options, seed: int, problem: InstrumentError) -> Report:
+def _unmade(suite: Suite, options: CheckOptions, seed: int, problem: InstrumentError) -> Report:
     failure = Verdict(scene="", what="instrument", status="failed", message=str(problem))
     return Report(suite.name, printable(str(options.instrument or suite.instrument)), seed, (failure,))
 
 
 def _compared(
-    suite: Suite, instrument: str, folder: Path, options: Options
+    suite: Suite, instrument: str, folder: Path, options: CheckOptions
 ) -> tuple[Baseline | None, tuple[Verdict, ...], tuple[str, ...]]:
     """Find the baseline to compare with; reasons against it, and a note where there is none."""
     recorded = base.load(folder)
@@ -178,7 +178,7 @@ def _compared(
 
 def _scene(
     suite: Suite, name: str, seed: int, instrument: Instrument, recorded: Baseline | None, folder: Path,
-    options: Options,
+    options: CheckOptions,
 ) -> Outcome:  # fmt: skip
     begun, limits, frames = time.perf_counter(), suite.limits_of(name), suite.scenes[name].golden
     dataset = _dataset(suite, name, seed, options)
@@ -199,7 +199,7 @@ def _scene(
     return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures, tuple(notes))
 
 
-def _dataset(suite: Suite, name: str, seed: int, options: Options) -> Dataset:
+def _dataset(suite: Suite, name: str, seed: int, options: CheckOptions) -> Dataset:
     progress = partial(options.progress, f"{name}, seed {seed}") if options.progress else None
     return cache.rendered(
         suite.scenario(name, seed), options.cache, workers=options.workers, cluster=options.cluster, progress=progress

@@ -33,7 +33,7 @@ TILES = 8
 Picture = NDArray[np.uint8]
 
 
-class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class GoldenPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A picture as it was recorded.
 
     Attributes
@@ -54,7 +54,9 @@ class Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     drawn_by: str
 
 
-def keep(datasets: dict[str, Dataset], frames: dict[str, tuple[int, ...]]) -> tuple[dict[str, Kept], dict[str, bytes]]:
+def keep(
+    datasets: dict[str, Dataset], frames: dict[str, tuple[int, ...]]
+) -> tuple[dict[str, GoldenPicture], dict[str, bytes]]:
     """Take golden frames from datasets: by ``SCENE/FRAME``, and the files to write beside them."""
     kept, files = {}, {}
     for name, dataset in datasets.items():
@@ -63,11 +65,11 @@ def keep(datasets: dict[str, Dataset], frames: dict[str, tuple[int, ...]]) -> tu
             file = f"{name}-{frame:06d}{path.suffix}"
             files[file] = path.read_bytes()
             sha256 = hashlib.sha256(files[file]).hexdigest()
-            kept[f"{name}/{frame}"] = Kept(file, sha256, dataset.data.scenario_digest, drawn_by(dataset))
+            kept[f"{name}/{frame}"] = GoldenPicture(file, sha256, dataset.data.scenario_digest, drawn_by(dataset))
     return kept, files
 
 
-def load(folder: Path) -> dict[str, Kept]:
+def load(folder: Path) -> dict[str, GoldenPicture]:
     """Read the list of golden frames; empty where none was recorded yet.
 
     Raises
@@ -81,7 +83,7 @@ def load(folder: Path) -> dict[str, Kept]:
     listed = read_json(path, _refusal, "golden frames")
     if not isinstance(listed, dict):
         raise _refusal(f"{path}: must be a table of golden frames")
-    return {name: convert(kept, Kept, _refusal, f"{path}: {name}") for name, kept in listed.items()}
+    return {name: convert(kept, GoldenPicture, _refusal, f"{path}: {name}") for name, kept in listed.items()}
 
 
 def _refusal(problem: str) -> SuiteError:

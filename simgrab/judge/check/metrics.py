@@ -19,15 +19,15 @@ def _numbers(kind: type[msgspec.Struct]) -> list[str]:
     return [name for name, hint in hints.items() if hint in (int, float, int | None, float | None)]
 
 
-_ERRORS = _numbers(values.Errors)
+_ERRORS = _numbers(values.AngleErrors)
 _PARTS: dict[str, list[str]] = {
-    "frames": _numbers(values.Frames), "detection": _numbers(values.Detections),
+    "frames": _numbers(values.FrameCounts), "detection": _numbers(values.DetectionScore),
     "detection.centre": [
         "frames", "median_px", "p95_px", "median_share", "median_of_diagonal", "p95_of_diagonal", "width_px",
         *(f"{way}_{name}" for way in ("u", "v", "radial", "box_radial") for name in _MEAN),
     ],
     "detection.coverage": ["centre"],
-    **{f"reading.{name}": _numbers(values.Share) for name, kind in get_type_hints(values.Score).items()
+    **{f"reading.{name}": _numbers(values.Share) for name, kind in get_type_hints(values.GroupScore).items()
        if kind is values.Share},
     "reading": ["jumps"], "reading.length": _numbers(values.Lengths),
     **{f"angle.{name}": _ERRORS for name in ("overall", "above_8_deg", *(f"by_rope.{name}" for name in ROPE_BINS_M))},

@@ -60,7 +60,7 @@ class Limit(Checked, frozen=True):
         return ", ".join(ends)
 
 
-class Scene(Checked, frozen=True):
+class SuiteScene(Checked, frozen=True):
     """One record of a suite.
 
     Attributes
@@ -106,14 +106,14 @@ class Suite(Checked, frozen=True):
     least_ssim : float
         What golden frames must reach in every tile with another renderer (`simgrab.judge.check.golden`).
     changes, limits : dict
-        Of every scene, as in `Scene`.
-    scenes : dict of str to Scene
+        Of every scene, as in `SuiteScene`.
+    scenes : dict of str to SuiteScene
     """
 
     error = SuiteError
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
-    scenes: dict[str, Scene]
+    scenes: dict[str, SuiteScene]
     description: str = ""
     instrument: str = "bundled"
     seed: Seed = 0

@@ -48,7 +48,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def of_trial(
-    scene: str, found: Trial, limits: Mapping[str, Limit], recorded: Baseline | None, comparisons: int
+    scene: str, trial: Trial, limits: Mapping[str, Limit], recorded: Baseline | None, comparisons: int
 ) -> list[Verdict]:
     """Judge a trial by limits, and by a baseline where there is one.
 
@@ -56,19 +56,19 @@ def of_trial(
     ----------
     scene : str
         Its name in the suite.
-    found : Trial
+    trial : Trial
     limits : mapping of str to Limit
     recorded : Baseline or None
     comparisons : int
         See `simgrab.judge.check.baseline.reference`.
     """
-    if found.problem:
-        return [Verdict(scene=scene, what="instrument", status="failed", message=found.problem)]
-    labels = found.dataset.data.labels_sha256
+    if trial.problem:
+        return [Verdict(scene=scene, what="instrument", status="failed", message=trial.problem)]
+    labels = trial.dataset.data.labels_sha256
     result = []
     for metric, limit in limits.items():
         past = base.reference(recorded.scenes[scene], metric, limit, labels, comparisons) if recorded else None
-        result.append(_of_metric(scene, metric, found.metrics, limit, past))
+        result.append(_of_metric(scene, metric, trial.metrics, limit, past))
     return result
 
 

@@ -21,12 +21,12 @@ from simgrab.model.geometry import Array, to_camera
 from simgrab.model.rng import stream
 from simgrab.model.truth import Row
 
-_TOLD_SD_M = 1e-4  # of a known offset
+_KNOWN_SD_M = 1e-4  # of a known offset
 DRAWS = 20
 
 
 @dataclass(frozen=True)
-class Stage:
+class BudgetStage:
     """A row of the budget.
 
     Attributes
@@ -51,18 +51,18 @@ class Stage:
 
 
 CHAIN = (
-    Stage("everything true", "true", "true", "true", "true"),
-    Stage("tilt that does not change", "constant", "true", "true", "true"),
-    Stage("tilt estimated", "estimated", "true", "true", "true"),
-    Stage("camera as nominally known", "estimated", "nominal", "true", "true"),
-    Stage("rope's length as read", "estimated", "nominal", "read", "true"),
-    Stage("grab's centre as detected", "estimated", "nominal", "read", "detected"),
+    BudgetStage("everything true", "true", "true", "true", "true"),
+    BudgetStage("tilt that does not change", "constant", "true", "true", "true"),
+    BudgetStage("tilt estimated", "estimated", "true", "true", "true"),
+    BudgetStage("camera as nominally known", "estimated", "nominal", "true", "true"),
+    BudgetStage("rope's length as read", "estimated", "nominal", "read", "true"),
+    BudgetStage("grab's centre as detected", "estimated", "nominal", "read", "detected"),
 )
 #: Beside the chain: one thing at a time.
 ASIDE = (
-    Stage("true box's centre for the grab's", "estimated", "true", "true", "box"),
-    Stage("detected centre, all else true", "estimated", "true", "true", "detected"),
-    Stage("read length, all else true", "estimated", "true", "read", "true"),
+    BudgetStage("true box's centre for the grab's", "estimated", "true", "true", "box"),
+    BudgetStage("detected centre, all else true", "estimated", "true", "true", "detected"),
+    BudgetStage("read length, all else true", "estimated", "true", "read", "true"),
 )
 
 
@@ -88,7 +88,7 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
         return None
     estimator = ESTIMATORS[name]()
 
-    def row(stage: Stage, by: Estimator) -> dict[str, Any]:
+    def row(stage: BudgetStage, by: Estimator) -> dict[str, Any]:
         beta, alpha = parts.swing(stage, by)
         return {"stage": stage.name, "beta_deg": beta} | errors(alpha, parts.alpha)
 
@@ -147,7 +147,7 @@ class _Parts:
             {"true": true_camera(rows, run.calibration), "nominal": run.calibration}, _given(run),
         )  # fmt: skip
 
-    def swing(self, stage: Stage, estimator: Estimator) -> tuple[float | None, Array]:
+    def swing(self, stage: BudgetStage, estimator: Estimator) -> tuple[float | None, Array]:
         """Tilt in degrees, where there is one, and swings (n,), rad, under a stage; NaN where the estimator refuses."""
         pixels, rope, camera = self.centre[stage.centre], self.rope[stage.rope], self.camera[stage.camera]
         if stage.tilt == "true":
@@ -198,7 +198,7 @@ def true_camera(rows: Sequence[Row], nominal: Calibration) -> Calibration:
     return msgspec.structs.replace(
         nominal, focal_length_px=row.fx_px, cx_px=row.cx_px, cy_px=row.cy_px,
         k1=row.k1, k2=row.k2, p1=row.p1, p2=row.p2, k3=row.k3, roll_deg=float(np.rad2deg(roll)),
-        offset_m=(row.offset_x_m, row.offset_y_m, row.offset_z_m), offset_sd_m=_TOLD_SD_M,
+        offset_m=(row.offset_x_m, row.offset_y_m, row.offset_z_m), offset_sd_m=_KNOWN_SD_M,
     )  # fmt: skip
 
 

@@ -15,14 +15,14 @@ from simgrab.reports import html
 from simgrab.reports.plots import Figure
 
 
-def page(run: Run, known: Truths, found: Mapping[str, Any]) -> str:
+def page(run: Run, known: Truths, evaluation: Mapping[str, Any]) -> str:
     """Write the page of what `simgrab.judge.evaluate.evaluation.evaluate` found."""
     return html.page(
         "evaluation.html",
         run=run,
         trace=trace(run, known),
-        budget=None if found["budget"] is None else chain(found["budget"]),
-        tables=tables(found),
+        budget=None if evaluation["budget"] is None else chain(evaluation["budget"]),
+        tables=tables(evaluation),
     )
 
 

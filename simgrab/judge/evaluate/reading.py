@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from simgrab.judge.evaluate.intervals import clopper_pearson
-from simgrab.judge.evaluate.values import Score, Share, Wrong
+from simgrab.judge.evaluate.values import GroupScore, Share, Wrong
 from simgrab.model.records.observations import Reading
 
 
@@ -53,14 +53,14 @@ def share(count: int, of: int) -> Share:
     return Share(count, of, count / of if of else None, clopper_pearson(count, of) or (0.0, 1.0))
 
 
-def score(reads: Sequence[Read], group: str = "all") -> Score:
+def score(reads: Sequence[Read], group: str = "all") -> GroupScore:
     """Score frames as one group."""
     whole, torn = [r for r in reads if not r.torn], [r for r in reads if r.torn]
     pairs = [pair for r in whole for pair in _pairs(r)]
     answered = [(found, shown) for found, shown in pairs if found != "?"]
     refused, torn_refused = (sum(r.reading.status == "refused" for r in some) for some in (whole, torn))
     wrong, torn_wrong = (sum(r.wrong for r in some) for some in (whole, torn))
-    return Score(
+    return GroupScore(
         group,
         digits_right=share(sum(found == shown for found, shown in answered), len(answered)),
         digits_refused=share(len(pairs) - len(answered), len(pairs)),
@@ -76,7 +76,7 @@ def score(reads: Sequence[Read], group: str = "all") -> Score:
     )
 
 
-def by_group(reads: Sequence[Read]) -> tuple[Score, ...]:
+def by_group(reads: Sequence[Read]) -> tuple[GroupScore, ...]:
     """Score each group in the order of its first frame, and then all together."""
     groups = dict.fromkeys(r.group for r in reads)
     return *(score([r for r in reads if r.group == group], group) for group in groups), score(reads)
@@ -89,6 +89,6 @@ def _pairs(read: Read) -> Iterable[tuple[str, str]]:
     return zip(found, shown, strict=True)
 
 
-def as_json(scores: Sequence[Score]) -> list[dict[str, Any]]:
+def as_json(scores: Sequence[GroupScore]) -> list[dict[str, Any]]:
     """Plain data, with intervals and every wrong frame."""
     return [msgspec.to_builtins(one) for one in scores]

@@ -78,7 +78,7 @@ def true_events(times: Array, true: Array, rule: Rule) -> tuple[Event, ...]:
 
 
 def alarms(
-    times: Array, measurements: Sequence[Measurement], found: Sequence[Event], true: Array, rule: Rule
+    times: Array, measurements: Sequence[Measurement], raised: Sequence[Event], true: Array, rule: Rule
 ) -> dict[str, Any]:
     """Compare alarms with the events of the true swing.
 
@@ -95,12 +95,12 @@ def alarms(
     sure = [e for e in real if e.alpha > SURELY]
     delays, already_on = [], 0
     for event in real:
-        reports = [f for f in found if _meet(event, f)]
+        reports = [f for f in raised if _meet(event, f)]
         if reports and reports[0].onset_s < event.onset_s - _SLACK_S:
             already_on += 1
         elif reports:
             delays.append(reports[0].first - event.first)
-    false = [f for f in found if not _swings(times, true, f)]
+    false = [f for f in raised if not _swings(times, true, f)]
     said = np.array([danger(m) >= rule.raised_at for m in measurements], bool)
     given = np.array([m.alpha is not None for m in measurements], bool) & np.isfinite(true)
     said, real_danger = said[given], true[given] > DANGER
@@ -108,8 +108,8 @@ def alarms(
     return {
         "events": len(real),
         "sure": len(sure),
-        "missed": sum(not any(_meet(e, f) for f in found) for e in sure),
-        "reported": len(found),
+        "missed": sum(not any(_meet(e, f) for f in raised) for e in sure),
+        "reported": len(raised),
         "false": len(false),
         "delays": delays,
         "already_on": already_on,
@@ -119,11 +119,11 @@ def alarms(
     }
 
 
-def _meet(event: Event, found: Event) -> bool:
-    return found.onset_s <= event.end_s + _SLACK_S and found.end_s >= event.onset_s - _SLACK_S
+def _meet(event: Event, alarm: Event) -> bool:
+    return alarm.onset_s <= event.end_s + _SLACK_S and alarm.end_s >= event.onset_s - _SLACK_S
 
 
-def _swings(times: Array, true: Array, found: Event) -> bool:
+def _swings(times: Array, true: Array, alarm: Event) -> bool:
     """Whether the true swing reaches what may pass for danger while an alarm is on."""
-    during = (times >= found.onset_s - _SLACK_S) & (times <= found.end_s + _SLACK_S)
+    during = (times >= alarm.onset_s - _SLACK_S) & (times <= alarm.end_s + _SLACK_S)
     return bool((true[during] >= HARDLY).any())

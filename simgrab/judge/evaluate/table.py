@@ -8,7 +8,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """A table of text: title, heads, rows and a note below."""
 
     title: str
@@ -20,19 +20,19 @@ class Table:
 ERRORS = ("frames", "bias", "RMSE", "95 %", "max")  # degrees
 
 
-def tables(found: Mapping[str, Any]) -> tuple[Table, ...]:
+def tables(evaluation: Mapping[str, Any]) -> tuple[TextTable, ...]:
     """Make the tables of what `simgrab.evaluate` gives; parts without a comparison are left out."""
     parts = (
-        _of_detection(found["detection"]),
-        _of_reading(found["reading"]),
-        _of_angle(found["angle"], found["interval"]),
-        _of_alarm(found["alarm"]),
-        _of_budget(found["budget"]),
+        _of_detection(evaluation["detection"]),
+        _of_reading(evaluation["reading"]),
+        _of_angle(evaluation["angle"], evaluation["interval"]),
+        _of_alarm(evaluation["alarm"]),
+        _of_budget(evaluation["budget"]),
     )
     return tuple(part for part in parts if part is not None)
 
 
-def _of_detection(f: Mapping[str, Any] | None) -> Table | None:
+def _of_detection(f: Mapping[str, Any] | None) -> TextTable | None:
     if f is None:
         return None
     centre = f["centre"]
@@ -52,10 +52,10 @@ def _of_detection(f: Mapping[str, Any] | None) -> Table | None:
         ("jitter (px)", text(f["jitter_px"], 2)),
         ("coverage of the stated 95 % of the centre", percent(f["coverage"]["centre"])),
     )
-    return Table("Detection", ("", ""), _known(rows))
+    return TextTable("Detection", ("", ""), _known(rows))
 
 
-def _of_reading(f: Mapping[str, Any] | None) -> Table | None:
+def _of_reading(f: Mapping[str, Any] | None) -> TextTable | None:
     if f is None:
         return None
     length = f["length"]
@@ -71,10 +71,10 @@ def _of_reading(f: Mapping[str, Any] | None) -> Table | None:
         ("readings that the hoist is too slow to have reached", str(f["jumps"])),
         ("rope's length, median and 95 % error (m)", _several(length["median_m"], length["p95_m"])),
     )
-    return Table("Reading", ("", ""), _known(rows), "The display lags behind the rope.")
+    return TextTable("Reading", ("", ""), _known(rows), "The display lags behind the rope.")
 
 
-def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> Table:
+def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> TextTable:
     rows = [("all", *errors(f["overall"])), ("α above 8°", *errors(f["above_8_deg"]))]
     rows += [(f"rope {name}", *errors(e)) for name, e in f["by_rope"].items() if e["frames"]]
     rows += [(name, *errors(e)) for name, e in f["by_weather"].items()]
@@ -82,10 +82,10 @@ def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> Table:
     if interval["share"] is not None:
         width = text(interval["width_deg"], 2)
         note = f"95 % intervals cover the true α in {percent(interval['share'])}, at a mean width of {width}°."
-    return Table("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), note)
+    return TextTable("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), note)
 
 
-def _of_alarm(f: Mapping[str, Any] | None) -> Table | None:
+def _of_alarm(f: Mapping[str, Any] | None) -> TextTable | None:
     if f is None:
         return None
     delay = "no alarm" if f["median_delay"] is None else f"{f['median_delay']:g} ({', '.join(map(str, f['delays']))})"
@@ -101,10 +101,10 @@ def _of_alarm(f: Mapping[str, Any] | None) -> Table | None:
             f"{text(f['precision']) or 'no alarm'}, {text(f['recall']) or 'no such frame'}",
         ),
     )
-    return Table("Alarms", ("", ""), rows)
+    return TextTable("Alarms", ("", ""), rows)
 
 
-def _of_budget(f: Mapping[str, Any] | None) -> Table | None:
+def _of_budget(f: Mapping[str, Any] | None) -> TextTable | None:
     if f is None:
         return None
     groups = (
@@ -114,7 +114,7 @@ def _of_budget(f: Mapping[str, Any] | None) -> Table | None:
     rows = [
         (f"{prefix}{row['stage']}", *errors(row), text(row.get("beta_deg"))) for prefix, rows in groups for row in rows
     ]
-    return Table(
+    return TextTable(
         f"Error budget of the swing angle, degrees ({f['estimator']})", ("oracle inputs", *ERRORS, "β̂"), tuple(rows),
         "Each row down to the run itself replaces one more oracle input by the measured one; all use the same frames. "
         + ("The tilt was given, or estimated from part of the frames. " if f["tilt"] == "given" else "")

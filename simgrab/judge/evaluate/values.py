@@ -9,7 +9,7 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 
-class Errors(msgspec.Struct, frozen=True):
+class AngleErrors(msgspec.Struct, frozen=True):
     """Errors of angles, degrees: mean, root mean square, 95 % quantile and largest of the absolute error."""
 
     frames: int
@@ -22,10 +22,10 @@ class Errors(msgspec.Struct, frozen=True):
 class Angles(msgspec.Struct, frozen=True):
     """Errors of all frames, of swings above 8°, by rope length and by weather."""
 
-    overall: Errors
-    above_8_deg: Errors
-    by_rope: dict[str, Errors]
-    by_weather: dict[str, Errors]
+    overall: AngleErrors
+    above_8_deg: AngleErrors
+    by_rope: dict[str, AngleErrors]
+    by_weather: dict[str, AngleErrors]
 
 
 class Coverage(msgspec.Struct, frozen=True):
@@ -51,7 +51,7 @@ class Alarms(msgspec.Struct, frozen=True):
     recall: float | None
 
 
-class Detections(msgspec.Struct, frozen=True):
+class DetectionScore(msgspec.Struct, frozen=True):
     """Boxes and centres; see `simgrab.judge.evaluate.detection.figures`. Of boxes None where only centres are given."""
 
     frames: int
@@ -101,7 +101,7 @@ class Wrong(msgspec.Struct, frozen=True):
     read: str
 
 
-class Score(msgspec.Struct, frozen=True):
+class GroupScore(msgspec.Struct, frozen=True):
     """How the displays of a group of frames were read. All but the torn ones' shares are of frames that are whole.
 
     Attributes
@@ -128,14 +128,14 @@ class Score(msgspec.Struct, frozen=True):
     wrong: list[Wrong]
 
 
-class Readings(Score, frozen=True):
+class ReadingScore(GroupScore, frozen=True):
     """Digits and frames read from the display, jumps of the length, and its errors."""
 
     jumps: int
     length: Lengths
 
 
-class Stage(msgspec.Struct, frozen=True):
+class BudgetRow(msgspec.Struct, frozen=True):
     """One row of the error budget: what was replaced by the truth, the tilt that followed, and the errors of α."""
 
     stage: str
@@ -152,15 +152,15 @@ class Budget(msgspec.Struct, frozen=True):
 
     estimator: str
     tilt: str
-    chain: list[Stage]
+    chain: list[BudgetRow]
     limit: str
-    aside: list[Stage]
-    drawn: Stage
-    paper: list[Stage]
-    run: Stage
+    aside: list[BudgetRow]
+    drawn: BudgetRow
+    paper: list[BudgetRow]
+    run: BudgetRow
 
 
-class Frames(msgspec.Struct, frozen=True):
+class FrameCounts(msgspec.Struct, frozen=True):
     """How many frames the run has, of how many the truth is known, and how many have each status."""
 
     all: int
@@ -172,7 +172,7 @@ class Frames(msgspec.Struct, frozen=True):
     refused: int
 
 
-class Source(msgspec.Struct, frozen=True):
+class Provenance(msgspec.Struct, frozen=True):
     """What was measured, and by what."""
 
     source: str
@@ -184,10 +184,10 @@ class Evaluation(msgspec.Struct, frozen=True):
 
     Attributes
     ----------
-    run : Source
-    frames : Frames
-    detection : Detections or None
-    reading : Readings or None
+    run : Provenance
+    frames : FrameCounts
+    detection : DetectionScore or None
+    reading : ReadingScore or None
     angle : Angles
     interval : Coverage
     alarm : Alarms or None
@@ -195,10 +195,10 @@ class Evaluation(msgspec.Struct, frozen=True):
     budget : Budget or None
     """
 
-    run: Source
-    frames: Frames
-    detection: Detections | None
-    reading: Readings | None
+    run: Provenance
+    frames: FrameCounts
+    detection: DetectionScore | None
+    reading: ReadingScore | None
     angle: Angles
     interval: Coverage
     alarm: Alarms | None

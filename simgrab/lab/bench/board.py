@@ -13,8 +13,8 @@ from simgrab.errors import BenchError, first_line
 from simgrab.io.destination import writing
 from simgrab.io.files import write
 from simgrab.io.parse import read_text
-from simgrab.lab.bench.entry import About, number
-from simgrab.lab.bench.score import SCORER, THRESHOLDS_DEG, Figure, Score
+from simgrab.lab.bench.entry import MethodDescription, number
+from simgrab.lab.bench.score import SCORER, THRESHOLDS_DEG, EntryScore, IntervalEstimate
 from simgrab.lab.bench.season import Season
 
 HEAD = (
@@ -40,18 +40,18 @@ NOTE = (
 )
 
 
-def rows(scores: Sequence[Score]) -> list[tuple[str, ...]]:
+def rows(scores: Sequence[EntryScore]) -> list[tuple[str, ...]]:
     """Rows of text under `HEAD`, the entries first and then those that test the scorer."""
     return [_row(one) for one in scores]
 
 
-def brief(scores: Sequence[Score]) -> list[tuple[str, ...]]:
+def brief(scores: Sequence[EntryScore]) -> list[tuple[str, ...]]:
     """Rows of the columns of `BRIEF`, without intervals, for a terminal of 80 columns."""
     places = [HEAD.index(name) for name in BRIEF]
     return [tuple(row[i] if i < 2 else row[i].partition(" (")[0] for i in places) for row in rows(scores)]
 
 
-def _row(one: Score) -> tuple[str, ...]:
+def _row(one: EntryScore) -> tuple[str, ...]:
     text = {name: _text(one.figures[name], *how) for name, how in _FIGURES.items()}
     missed = f"{text.pop('alarms_missed')} of {text.pop('alarms_due')}"
     cells = list(text.values())
@@ -60,7 +60,7 @@ def _row(one: Score) -> tuple[str, ...]:
     return (*own, *cells)
 
 
-def _text(figure: Figure, times: float, digits: int) -> str:
+def _text(figure: IntervalEstimate, times: float, digits: int) -> str:
     if figure.value is None:
         return "–"
     value = f"{times * figure.value:.{digits}f}"
@@ -73,15 +73,15 @@ _FIXED = ("season", "commitment", "scorer", "rank", "method", "track", "sanity",
 _COLUMNS = (*_FIXED, *(f"{name}{end}" for name in _FIGURES for end in ("", "_low", "_high")))
 
 
-Board = tuple[str, Sequence[Score]]  # its title, and the scores
+Board = tuple[str, Sequence[EntryScore]]  # its title, and the scores
 
 
-def _board(season: str, scorer: str, scores: Sequence[Score]) -> Board:
+def _board(season: str, scorer: str, scores: Sequence[EntryScore]) -> Board:
     one = scores[0]
     return f"Season {season}: {one.clips} clips, {one.frames} frames, scorer {scorer}", scores
 
 
-def table(scores: Sequence[Score], season: Season) -> str:
+def table(scores: Sequence[EntryScore], season: Season) -> str:
     """Scores as a CSV file: each figure with the ends of its interval, to nine decimals."""
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
@@ -121,17 +121,17 @@ def read(path: Path) -> Board:
     return _board(found[0]["season"], found[0]["scorer"], scores)
 
 
-def _parsed(row: dict[str, str]) -> Score:
+def _parsed(row: dict[str, str]) -> EntryScore:
     figures = {}
     for name in _FIGURES:
         cells = (name, f"{name}_low", f"{name}_high")
-        figures[name] = Figure(*(number(row[cell], cell) if row[cell] else None for cell in cells))
-    about = About(row["method"], row["track"], row["season"])
+        figures[name] = IntervalEstimate(*(number(row[cell], cell) if row[cell] else None for cell in cells))
+    about = MethodDescription(row["method"], row["track"], row["season"])
     clips, frames, rank = (int(row[name]) for name in ("clips", "frames", "rank"))
-    return Score(about, frames, clips, figures, bool(int(row["sanity"])), np.empty(0), rank)
+    return EntryScore(about, frames, clips, figures, bool(int(row["sanity"])), np.empty(0), rank)
 
 
-def save(scores: Sequence[Score], season: Season, *, csv_file: Path | None, page: Path | None) -> None:
+def save(scores: Sequence[EntryScore], season: Season, *, csv_file: Path | None, page: Path | None) -> None:
     """Write scores as a CSV file, as a page, or both."""
     if csv_file is not None:
         with writing(csv_file, BenchError):

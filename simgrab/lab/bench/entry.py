@@ -43,7 +43,7 @@ MOST_BYTES = 64_000_000
 MOST_PROBLEMS = 20  # that are listed of one entry
 
 
-class About(Checked, frozen=True):
+class MethodDescription(Checked, frozen=True):
     """Description of a method.
 
     Attributes
@@ -111,7 +111,7 @@ class Answers:
 class Entry:
     """A method's answers for all clips, by name."""
 
-    about: About
+    about: MethodDescription
     clips: dict[str, Answers]
 
 
@@ -149,7 +149,7 @@ def run(
     instrument = checked(instrument)
     sensors = [name for kind in _sensors(track, season.sensors) for name in SENSORS[kind]]
     display = "rope" in track.split("+")
-    about = About(method or instrument.name, track, season.name)
+    about = MethodDescription(method or instrument.name, track, season.name)
     try:
         instrument.check_inputs(sensors, display=display)
     except RunError as problem:
@@ -231,7 +231,7 @@ def problems(folder: Path, season: Published) -> list[str]:
 def _read(folder: Path, season: Published) -> tuple[Entry | None, list[str]]:
     found, clips, about = list[str](), dict[str, Answers](), None
     try:
-        about = convert(read_json(folder / ABOUT, BenchError), About, BenchError, folder / ABOUT)
+        about = convert(read_json(folder / ABOUT, BenchError), MethodDescription, BenchError, folder / ABOUT)
         if about.season != season.name:
             found.append(f"{folder / ABOUT}: season {about.season!r}; these clips are of season {season.name!r}")
         try:

@@ -35,7 +35,7 @@ from simgrab.io.files import write
 from simgrab.io.parse import cannot, opened, read_bytes, read_json
 from simgrab.io.strict import Checked, convert
 from simgrab.judge.evaluate.swings import HARDLY, SURELY
-from simgrab.lab.bench.season import SENSORS, VERSION, Clip, Season, check_sensors, sensors_of
+from simgrab.lab.bench.season import SENSORS, VERSION, Season, SeasonClip, check_sensors, sensors_of
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Scenario
 from simgrab.runtime import machine
@@ -54,7 +54,7 @@ _SIDES = (".mp4", ".camera.toml", ".parquet", ".manifest.json")  # the last one 
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class ClipTruth:
     """One clip's frames and their truth.
 
     Attributes
@@ -176,7 +176,7 @@ def hidden_like(season: Season, folder: Path) -> Season:
     return msgspec.structs.replace(season, seed=seed, salt=salt)
 
 
-def _finished(season: Season, folder: Path, clip: Clip) -> bool:
+def _finished(season: Season, folder: Path, clip: SeasonClip) -> bool:
     """Whether a clip was rendered; refuses one that this version would not render."""
     if not all(_place(folder, clip, side).exists() for side in _SIDES):
         return False
@@ -187,7 +187,7 @@ def _finished(season: Season, folder: Path, clip: Clip) -> bool:
     return all(_sensor_file(folder, clip, name).exists() for name in sensor_files.names(season.with_sensors(scenario)))
 
 
-def _drawn(season: Season, clip: Clip) -> Scenario:
+def _drawn(season: Season, clip: SeasonClip) -> Scenario:
     """Scenario of a clip, drawn until its swing is what the clip's name promises: beyond 10.5°, or below 9.5°."""
     for attempt in range(MOST_ATTEMPTS):
         scenario = season.scenario(clip, attempt)
@@ -198,17 +198,17 @@ def _drawn(season: Season, clip: Clip) -> Scenario:
     raise BenchError(f"clip {clip.name}: no such swing within {season.frames} frames; some 480 are needed for an alarm")
 
 
-def _place(folder: Path, clip: Clip, side: str) -> Path:
+def _place(folder: Path, clip: SeasonClip, side: str) -> Path:
     return folder / (CLIPS if side in _SIDES[:2] else TRUTH) / f"{clip.name}{side}"
 
 
-def _sensor_file(folder: Path, clip: Clip, name: str) -> Path:
+def _sensor_file(folder: Path, clip: SeasonClip, name: str) -> Path:
     """Where a sensor's file lies, of the name that it has in a dataset: ``sensors/clip_000/imu0/data.csv``."""
     part, _, name = name.split("/", 2)
     return folder / (CLIPS if part == "sensors" else TRUTH) / clip.name / name
 
 
-def _render(season: Season, folder: Path, clip: Clip) -> None:
+def _render(season: Season, folder: Path, clip: SeasonClip) -> None:
     """Render a clip and record its sensors, and then move all files to where they belong, the manifest last."""
     work = folder / _WORK / f"{clip.name}.mp4"
     moves = {work.with_suffix(side): _place(folder, clip, side) for side in _SIDES}
@@ -300,7 +300,7 @@ def sensor_folders(folder: Path, season: Published, clip: str, track: str) -> di
     return {name: folder / CLIPS / clip / name for kind in kinds for name in SENSORS[kind]}
 
 
-def targets(folder: Path) -> tuple[Target, ...]:
+def targets(folder: Path) -> tuple[ClipTruth, ...]:
     """Frames and truth of each clip of a prepared season.
 
     Raises
@@ -319,15 +319,15 @@ def targets(folder: Path) -> tuple[Target, ...]:
         rows = parquet.rows(parquet.read_table(path, refusal, columns=columns), refusal, cannot(path))
         alpha = [row["alpha_deg"] if row["present"] else np.nan for row in rows]
         times = np.array([row["pts_s"] for row in rows], float)
-        result.append(Target(clip.name, times, np.deg2rad(np.array(alpha, float))))
+        result.append(ClipTruth(clip.name, times, np.deg2rad(np.array(alpha, float))))
     return tuple(result)
 
 
-def _targets(found: tuple[Target, ...]) -> bytes:
+def _targets(truths: tuple[ClipTruth, ...]) -> bytes:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["clip", "frame", "time_s"])
-    for target in found:
+    for target in truths:
         table.writerows((target.clip, frame, f"{time:.6f}") for frame, time in enumerate(target.times.tolist()))
     return text.getvalue().encode()
 

@@ -15,8 +15,8 @@ from scipy import stats
 from simgrab.errors import BenchError
 from simgrab.instrument.alarm import Rule, events
 from simgrab.judge.evaluate import swings
-from simgrab.lab.bench.entry import About, Answers, Entry
-from simgrab.lab.bench.files import Target
+from simgrab.lab.bench.entry import Answers, Entry, MethodDescription
+from simgrab.lab.bench.files import ClipTruth
 from simgrab.lab.bench.season import track_order
 from simgrab.model.geometry import Array
 
@@ -28,7 +28,7 @@ LEVEL, PERMUTATIONS = 0.05, 9999  # of the test by which entries share a rank
 
 
 @dataclass(frozen=True)
-class Figure:
+class IntervalEstimate:
     """A figure, with the ends of its 95 % interval over clips; None where nothing was there to count."""
 
     value: float | None
@@ -37,15 +37,15 @@ class Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class EntryScore:
     """Figures of one entry.
 
     Attributes
     ----------
-    about : About
+    about : MethodDescription
     frames, clips : int
         That were scored.
-    figures : dict of str to Figure
+    figures : dict of str to IntervalEstimate
         ``average_recall``: the mean over `THRESHOLDS_DEG` and clips of the share of frames whose error is within the
         threshold; a frame without an angle is within none. ``answered``: share of frames with an angle. Of these:
         ``rmse_deg``, ``p95_deg`` of the absolute error, ``at_10_deg``, the mean error at a true swing of 9.5° to
@@ -61,16 +61,16 @@ class Score:
         (paired permutation test over clips, two-sided, 5 %).
     """
 
-    about: About
+    about: MethodDescription
     frames: int
     clips: int
-    figures: dict[str, Figure]
+    figures: dict[str, IntervalEstimate]
     sanity: bool
     recalls: Array = field(repr=False)
     rank: int = 0
 
 
-def score(entries: Sequence[Entry], targets: Sequence[Target]) -> tuple[Score, ...]:
+def score(entries: Sequence[Entry], targets: Sequence[ClipTruth]) -> tuple[EntryScore, ...]:
     """Score entries by track, the best first, and then three that are computed from the truth.
 
     Raises
@@ -82,13 +82,13 @@ def score(entries: Sequence[Entry], targets: Sequence[Target]) -> tuple[Score, .
     if not targets:
         raise BenchError("no frame of these clips shows a grab")
     season = entries[0].about.season if entries else "open"
-    result = list[Score]()
+    result = list[EntryScore]()
     for track in sorted({entry.about.track for entry in entries}, key=track_order):
         result += _ranked([_score(entry, targets, sanity=False) for entry in entries if entry.about.track == track])
     return (*result, *(_score(entry, targets, sanity=True) for entry in sanity(targets, season)))
 
 
-def sanity(targets: Sequence[Target], season: str) -> tuple[Entry, ...]:
+def sanity(targets: Sequence[ClipTruth], season: str) -> tuple[Entry, ...]:
     """Entries of which the scores are known: the truth, the truth of the frame before, and a swing of 0°."""
 
     def answers(alpha: Array) -> Answers:
@@ -97,7 +97,7 @@ def sanity(targets: Sequence[Target], season: str) -> tuple[Entry, ...]:
         return Answers(status, alpha, alpha, alpha, np.zeros(len(alpha)))
 
     def entry(name: str, of: dict[str, Answers]) -> Entry:
-        return Entry(About(name, "picture", season), of)
+        return Entry(MethodDescription(name, "picture", season), of)
 
     return (
         entry("truth", {t.clip: answers(t.alpha) for t in targets}),
@@ -106,23 +106,23 @@ def sanity(targets: Sequence[Target], season: str) -> tuple[Entry, ...]:
     )
 
 
-def recall(answers: Answers, target: Target) -> float:
+def recall(answers: Answers, target: ClipTruth) -> float:
     """Average recall over a clip's frames with a grab, of which there is one at least."""
     off = np.rad2deg(np.abs(answers.alpha - target.alpha))[target.counts]
     # Angles are written to a millionth of a degree.
     return float(np.mean([(off <= t + 1e-6).mean() for t in THRESHOLDS_DEG]))  # NaN is within none
 
 
-def _score(entry: Entry, targets: Sequence[Target], *, sanity: bool) -> Score:
+def _score(entry: Entry, targets: Sequence[ClipTruth], *, sanity: bool) -> EntryScore:
     pairs = [(entry.clips[target.clip], target) for target in targets]
     samples = _resampled(len(targets))
     recalls = np.array([recall(*pair) for pair in pairs])
 
-    def over(statistic: Callable[[Array], Any], of: Callable[[Answers, Target], Array]) -> Figure:
+    def over(statistic: Callable[[Array], Any], of: Callable[[Answers, ClipTruth], Array]) -> IntervalEstimate:
         """Figure of all clips' values together, with its interval over clips."""
         values = [of(*pair) for pair in pairs]
         if not sum(map(len, values)):
-            return Figure(None)
+            return IntervalEstimate(None)
         resampled = (np.concatenate([values[i] for i in some]) for some in samples.tolist())
         return _figure(statistic(np.concatenate(values)), [statistic(each) for each in resampled if len(each)])
 
@@ -136,24 +136,24 @@ def _score(entry: Entry, targets: Sequence[Target], *, sanity: bool) -> Score:
         "coverage": over(np.mean, _covers),
         "width_deg": over(np.mean, lambda a, t: np.rad2deg(a.high - a.low)[np.isfinite(a.low) & t.counts]),
         **_alarms(pairs),
-        "ms_per_frame": Figure(float(np.median(seconds)) * 1e3 if len(seconds) else None),
+        "ms_per_frame": IntervalEstimate(float(np.median(seconds)) * 1e3 if len(seconds) else None),
     }
     frames = sum(int(target.counts.sum()) for target in targets)
-    return Score(entry.about, frames, len(targets), figures, sanity, recalls)
+    return EntryScore(entry.about, frames, len(targets), figures, sanity, recalls)
 
 
-def _errors(answers: Answers, target: Target) -> Array:
+def _errors(answers: Answers, target: ClipTruth) -> Array:
     """Errors of the frames with an angle, degrees."""
     return np.rad2deg(answers.alpha - target.alpha)[answers.ok & target.counts]
 
 
-def _errors_near_danger(answers: Answers, target: Target) -> Array:
+def _errors_near_danger(answers: Answers, target: ClipTruth) -> Array:
     low, high = NEAR_DANGER_DEG
     near = (np.rad2deg(target.alpha) >= low) & (np.rad2deg(target.alpha) <= high)
     return np.rad2deg(answers.alpha - target.alpha)[answers.ok & target.counts & near]
 
 
-def _covers(answers: Answers, target: Target) -> Array:
+def _covers(answers: Answers, target: ClipTruth) -> Array:
     """Whether intervals hold the truth, of the frames that have one."""
     known = np.isfinite(answers.low) & target.counts
     slack = np.deg2rad(1e-6)  # angles are written to a millionth of a degree
@@ -161,7 +161,7 @@ def _covers(answers: Answers, target: Target) -> Array:
     return inside[known].astype(float)
 
 
-def _alarms(pairs: Sequence[tuple[Answers, Target]]) -> dict[str, Figure]:
+def _alarms(pairs: Sequence[tuple[Answers, ClipTruth]]) -> dict[str, IntervalEstimate]:
     due = missed = false = 0
     delays = list[int]()
     rule = Rule()
@@ -171,10 +171,10 @@ def _alarms(pairs: Sequence[tuple[Answers, Target]]) -> dict[str, Figure]:
         due, missed, false = due + found["sure"], missed + found["missed"], false + found["false"]
         delays += found["delays"]
     return {
-        "alarms_due": Figure(float(due)),
-        "alarms_missed": Figure(float(missed)),
-        "alarms_false": Figure(float(false)),
-        "alarm_delay_frames": Figure(float(np.median(delays)) if delays else None),
+        "alarms_due": IntervalEstimate(float(due)),
+        "alarms_missed": IntervalEstimate(float(missed)),
+        "alarms_false": IntervalEstimate(float(false)),
+        "alarm_delay_frames": IntervalEstimate(float(np.median(delays)) if delays else None),
     }
 
 
@@ -183,15 +183,15 @@ def _resampled(clips: int) -> Any:
     return np.random.default_rng(SEED).integers(clips, size=(REPLICATIONS, clips))
 
 
-def _figure(value: float, resampled: Sequence[float] | Array) -> Figure:
+def _figure(value: float, resampled: Sequence[float] | Array) -> IntervalEstimate:
     low, high = np.quantile(resampled, (0.025, 0.975))
-    return Figure(float(value), float(low), float(high))
+    return IntervalEstimate(float(value), float(low), float(high))
 
 
-def _ranked(scores: Sequence[Score]) -> list[Score]:
+def _ranked(scores: Sequence[EntryScore]) -> list[EntryScore]:
     """Order scores of one track, and give them ranks."""
-    result = list[Score]()
-    best: Score | None = None  # of those that share a rank
+    result = list[EntryScore]()
+    best: EntryScore | None = None  # of those that share a rank
     for place, one in enumerate(sorted(scores, key=lambda s: -s.recalls.mean()), 1):
         if best is None or _differ(best.recalls - one.recalls):
             best = one = replace(one, rank=place)

@@ -48,7 +48,7 @@ _WORK: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Clip:
+class SeasonClip:
     """What is particular about one clip: a bundled weather, a mount, an offset, and a kind of swing."""
 
     weather: str
@@ -62,15 +62,17 @@ class Clip:
         return f"{self.weather}-{self.mount}-{self.offset}-{self.swing}"
 
 
-def full() -> tuple[Clip, ...]:
+def full() -> tuple[SeasonClip, ...]:
     """All combinations: 144 clips."""
-    return tuple(Clip(*each) for each in product(WEATHERS, MOUNTS, OFFSETS_M, SWINGS))
+    return tuple(SeasonClip(*each) for each in product(WEATHERS, MOUNTS, OFFSETS_M, SWINGS))
 
 
-def nightly() -> tuple[Clip, ...]:
+def nightly() -> tuple[SeasonClip, ...]:
     """12 clips with every weather, every pair of mount and offset, and as many swings of each kind."""
     offsets = tuple(OFFSETS_M)
-    return tuple(Clip(WEATHERS[i % 8], MOUNTS[i % 3], offsets[i // 3 % 3], SWINGS[(i + i // 8) % 2]) for i in range(12))
+    return tuple(
+        SeasonClip(WEATHERS[i % 8], MOUNTS[i % 3], offsets[i // 3 % 3], SWINGS[(i + i // 8) % 2]) for i in range(12)
+    )
 
 
 def check_sensors(sensors: Sequence[str]) -> None:
@@ -136,7 +138,7 @@ class Season(Checked, frozen=True):
         check_sensors(self.sensors)
 
     @property
-    def clips(self) -> tuple[Clip, ...]:
+    def clips(self) -> tuple[SeasonClip, ...]:
         """In the order of the targets."""
         return nightly() if self.subset == "nightly" else full()
 
@@ -148,7 +150,7 @@ class Season(Checked, frozen=True):
             del known["sensors"]
         return hashlib.sha256(msgspec.json.encode(known)).hexdigest()
 
-    def scenario(self, clip: Clip, attempt: int = 0) -> Scenario:
+    def scenario(self, clip: SeasonClip, attempt: int = 0) -> Scenario:
         """Scenario of one clip, without sensors.
 
         Its seed, tilt and wind follow from the season's seed, the clip and the attempt.

@@ -31,7 +31,8 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
     from simgrab.reports.terminal import cell, stdout, table
 
     console = stdout()
-    study = run(out, PaperSettings(replications=replications, seed=seed), tell=lambda what: click.echo(what, err=True))
+    settings = PaperSettings(replications=replications, seed=seed)
+    study = run(out, settings, report=lambda what: click.echo(what, err=True))
     console.print(table(rows(study), ("section", "", "published", "measured", "")))
     console.print("Contradictions within the text of the paper:")
     for section, text in INCONSISTENT:
@@ -40,6 +41,6 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
         from simgrab.lab.paper import grab_width as by_width
 
         console.print("Section 4.6, comparison by grab width:")
-        for line in by_width.tell(by_width.study(grab_width)):
+        for line in by_width.summary_lines(by_width.study(grab_width)):
             console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
     console.print(f"page: {cell(out / 'paper.html')}", soft_wrap=True)

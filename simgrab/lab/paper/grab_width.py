@@ -96,13 +96,13 @@ def study(dataset: str | Path, frames: int = 40, turned_deg: float = 10.0) -> Gr
     )
 
 
-def tell(found: GrabWidthStudy) -> list[str]:
-    """Say in lines what the study found."""
-    difference = np.rad2deg(np.abs(found.by_width - found.estimated))
-    error, other = (np.rad2deg(np.abs(a - found.truth)) for a in (found.by_width, found.estimated))
-    beta = np.rad2deg(found.beta)
+def summary_lines(result: GrabWidthStudy) -> list[str]:
+    """Summarise the study in lines of text."""
+    difference = np.rad2deg(np.abs(result.by_width - result.estimated))
+    error, other = (np.rad2deg(np.abs(a - result.truth)) for a in (result.by_width, result.estimated))
+    beta = np.rad2deg(result.beta)
     lines = [
-        f"{len(found.frames)} frames; tilt {np.rad2deg(found.true_beta):.2f} deg, estimated {beta:.2f} deg",
+        f"{len(result.frames)} frames; tilt {np.rad2deg(result.true_beta):.2f} deg, estimated {beta:.2f} deg",
         f"|by width - estimated|: median {np.median(difference):.2f}, largest {difference.max():.2f} deg; "
         f"{np.sum(difference < 2)} below 2 deg (the paper: all 40)",
         f"but against the truth: by width {error.max():.2f} deg at most, estimated {other.max():.2f}",
@@ -111,7 +111,7 @@ def tell(found: GrabWidthStudy) -> list[str]:
     lines += [
         f"  tilt {np.rad2deg(tilt):4.1f} deg: |psi - alpha| at most {np.rad2deg(bound):5.2f} deg, so it passes; "
         f"alpha wrong by up to {np.rad2deg(wrong):5.2f} deg"
-        for tilt, bound, wrong in found.wrong
+        for tilt, bound, wrong in result.wrong
     ]
     return lines
 

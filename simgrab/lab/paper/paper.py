@@ -11,7 +11,7 @@ import numpy as np
 
 from simgrab.instrument.estimate import Estimator, GeometricMedian, MeanRay, PaperIteration
 from simgrab.lab.paper.law import AXIS_DIRECTION, camera, draw
-from simgrab.lab.stress.summary import Figure, figure
+from simgrab.lab.stress.summary import MonteCarloFigure, figure
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimates
 
@@ -46,12 +46,12 @@ class Spread:
     cover_sigma: float
 
     @property
-    def beta(self) -> Figure:
+    def beta(self) -> MonteCarloFigure:
         """Figures of the error of β̂, radians."""
         return figure(self.beta_error)
 
     @property
-    def sigma2(self) -> Figure:
+    def sigma2(self) -> MonteCarloFigure:
         """Figures of the relative error of σ̂²."""
         return figure(self.sigma2_error)
 
@@ -62,7 +62,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Start:
+class StartOutcome:
     """What came of one start value: refusals, their reason, and the largest distance from the end of start 0."""
 
     start_deg: float
@@ -89,21 +89,21 @@ class PaperStudy:
     iterations: dict[int, int]  # how many records took so many
     last_beta_step: float  # medians of the last steps, the second relative
     last_sigma2_step: float
-    starts: tuple[Start, ...]
+    starts: tuple[StartOutcome, ...]
     single_s: float  # seconds a replication of 3,699 frames takes, by itself and in a batch
     batch_s: float
     mean_cos: float  # both sides of eq (3)
     expected_cos: float
 
 
-def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None) -> PaperStudy:
+def study(settings: PaperSettings, report: Callable[[str], None] = lambda _: None) -> PaperStudy:
     """Run section 4.4.
 
     Parameters
     ----------
     settings : PaperSettings
-    tell : callable
-        Told what is being done.
+    report : callable
+        Called with what is being done.
     """
     rivals: dict[str, Estimator] = {
         "known": PaperIteration(axis="known", axis_direction=AXIS_DIRECTION),
@@ -113,17 +113,17 @@ def study(settings: PaperSettings, tell: Callable[[str], None] = lambda _: None)
     }
     spreads: dict[str, dict[int, Spread]] = {name: {} for name in rivals}
     for n in settings.frames:
-        tell(f"errors at n = {n}")
+        report(f"errors at n = {n}")
         pixels, _ = _draw(settings, "errors", n)
         for name, estimator in rivals.items():
             spreads[name][n] = _spread(estimator.batch(pixels, camera(settings.h)), settings)
-    tell("convergence and start values")
+    report("convergence and start values")
     pixels, alpha = _draw(settings, "convergence", settings.convergence_frames)
     run = rivals["known"].batch(pixels, camera(settings.h))
     beta_steps, sigma2_steps = _steps(run, LIMIT.batch(pixels, camera(settings.h)))
     rows, last = np.flatnonzero(run.ok), np.asarray(run.diagnostics["iterations"][run.ok], int)
     betas, sigma2s = run.diagnostics["beta_history"], run.diagnostics["sigma2_history"]
-    tell("time")
+    report("time")
     single, batch = _times(settings)
     cos_psi = settings.h / np.hypot(settings.h, camera(settings.h).intrinsics.polar(pixels)[0])
     return PaperStudy(
@@ -184,13 +184,13 @@ def _steps(found: Estimates, limit: Estimates) -> tuple[Array, Array]:
     )
 
 
-def _start(settings: PaperSettings, pixels: Array, reference: Estimates, start_deg: float) -> Start:
+def _start(settings: PaperSettings, pixels: Array, reference: Estimates, start_deg: float) -> StartOutcome:
     estimator = PaperIteration(axis="known", axis_direction=AXIS_DIRECTION, start=float(np.deg2rad(start_deg)))
     found = estimator.batch(pixels, camera(settings.h))
     both = found.ok & reference.ok
     apart = float(np.abs(found.beta[both] - reference.beta[both]).max()) if both.any() else float("nan")
     reason = str(found.reason[~found.ok][0]) if not found.ok.all() else ""
-    return Start(start_deg, int(np.sum(~found.ok)), reason, apart)
+    return StartOutcome(start_deg, int(np.sum(~found.ok)), reason, apart)
 
 
 def _times(settings: PaperSettings) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from simgrab.reports import html
 
 
 def run(
-    out: str | Path, settings: PaperSettings | None = None, tell: Callable[[str], None] = lambda _: None
+    out: str | Path, settings: PaperSettings | None = None, report: Callable[[str], None] = lambda _: None
 ) -> PaperStudy:
     """Run the study and write its figures (SVG and PNG) and ``paper.html`` into a folder.
 
@@ -24,7 +24,7 @@ def run(
     out : path
         Folder, made if there is none.
     settings : PaperSettings, optional
-    tell : callable
+    report : callable
         Called with what is being done.
 
     Raises
@@ -34,8 +34,8 @@ def run(
     """
     folder = Path(out)
     check_folder(folder, RunError)
-    found = study(settings or PaperSettings(), tell)
-    tell("figures")
+    found = study(settings or PaperSettings(), report)
+    report("figures")
     figures = paper_figures.draw_all(found)
     for name, figure in figures.items():
         for ending in ("svg", "png"):

@@ -18,7 +18,7 @@ from simgrab.model.geometry import (
 )
 
 
-class Row(NamedTuple):
+class TableRow(NamedTuple):
     """One number: where it stands, what it is, as published, as measured, and what to think of it."""
 
     section: str
@@ -44,47 +44,51 @@ INCONSISTENT = (
 )
 
 
-def rows(study: PaperStudy) -> list[Row]:
+def rows(study: PaperStudy) -> list[TableRow]:
     """Put the published numbers beside the measured ones."""
     return [*_of_section_4_3(study), *_of_section_4_4(study), *_of_section_4_5(study)]
 
 
-def _of_section_4_3(study: PaperStudy) -> list[Row]:
+def _of_section_4_3(study: PaperStudy) -> list[TableRow]:
     density = pixels_per_mm(1920, 1080, 6.43)
     return [
-        Row("4.3", "pixel density d0 (px/mm)", "342.67", f"{density:.2f}", "the printed figure is kept as the preset"),
-        Row(
+        TableRow(
+            "4.3", "pixel density d0 (px/mm)", "342.67", f"{density:.2f}", "the printed figure is kept as the preset"
+        ),
+        TableRow(
             "4.3",
             "focal length h (px)",
             "1644.82",
             f"{focal_length_px(PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM):.2f}",
             f"{focal_length_px(PAPER_FOCAL_LENGTH_MM, density):.2f} with the density above",
         ),
-        Row("4.3", "eq (3): E[h/√(m²+h²)]", f"{study.expected_cos:.6f}", f"{study.mean_cos:.6f}", "cosβ·exp(−σ²/2)"),
+        TableRow(
+            "4.3", "eq (3): E[h/√(m²+h²)]", f"{study.expected_cos:.6f}", f"{study.mean_cos:.6f}", "cosβ·exp(−σ²/2)"
+        ),
     ]
 
 
-def _of_section_4_4(study: PaperStudy) -> list[Row]:
+def _of_section_4_4(study: PaperStudy) -> list[TableRow]:
     m = study.settings.replications
     low = [s for s in study.starts if s.start_deg <= 9]
     high = [s for s in study.starts if s.start_deg >= 2 * np.rad2deg(study.settings.beta)]
     refused = sum(s.refused for s in study.known.values())
     result = [
-        Row(
+        TableRow(
             "4.4",
             "iterations until converged",
             "within 8",
             f"{min(study.iterations)} to {max(study.iterations)}",
             f"n = {study.settings.convergence_frames}, {m} replications",
         ),
-        Row(
+        TableRow(
             "4.4",
             "time of a replication (s)",
             "0.026–0.065, median 0.028",
             f"{study.single_s:.4f} alone, {study.batch_s:.5f} in a batch",
             "n = 3,699, intervals included",
         ),
-        Row(
+        TableRow(
             "4.4",
             "other start values",
             "same result",
@@ -92,15 +96,17 @@ def _of_section_4_4(study: PaperStudy) -> list[Row]:
             "true up to about twice the tilt",
         ),
         *(
-            Row("4.4", f"start at {s.start_deg:g}°", "same result", f"{100 * s.refused / m:.1f} % refused", s.reason)
+            TableRow(
+                "4.4", f"start at {s.start_deg:g}°", "same result", f"{100 * s.refused / m:.1f} % refused", s.reason
+            )
             for s in high
         ),
-        Row("4.4", "error of β̂ against n", "decreases", f"∝ n^{study.slope_beta:.3f}", "consistent: −1/2"),
-        Row("4.4", "error of σ̂² against n", "decreases", f"∝ n^{study.slope_sigma2:.3f}", "consistent: −1/2"),
+        TableRow("4.4", "error of β̂ against n", "decreases", f"∝ n^{study.slope_beta:.3f}", "consistent: −1/2"),
+        TableRow("4.4", "error of σ̂² against n", "decreases", f"∝ n^{study.slope_sigma2:.3f}", "consistent: −1/2"),
     ]
     for n, spread in study.known.items():
         result.append(
-            Row(
+            TableRow(
                 "4.4",
                 f"RMSE of β̂ at n = {n} (deg)",
                 "box plot only",
@@ -109,11 +115,11 @@ def _of_section_4_4(study: PaperStudy) -> list[Row]:
                 f"{np.rad2deg(study.median[n].beta.rms):.4f}",
             )
         )
-    result.append(Row("4.4", "records refused, start 0", "not mentioned", f"{refused} of {m * len(study.known)}"))
+    result.append(TableRow("4.4", "records refused, start 0", "not mentioned", f"{refused} of {m * len(study.known)}"))
     return result
 
 
-def _of_section_4_5(study: PaperStudy) -> list[Row]:
+def _of_section_4_5(study: PaperStudy) -> list[TableRow]:
     """Ask the paper's model about the paper's own video, at the estimates it gives."""
     result = []
     for name, n, beta, sigma, published in (
@@ -129,7 +135,7 @@ def _of_section_4_5(study: PaperStudy) -> list[Row]:
         counts = found.diagnostics["iterations"][found.ok]
         most = f"{int(np.median(counts))} (from {int(counts.min())} to {int(counts.max())})" if counts.size else "none"
         result.append(
-            Row(
+            TableRow(
                 "4.5, A",
                 f"iterations T, {name}",
                 str(published),
@@ -140,23 +146,25 @@ def _of_section_4_5(study: PaperStudy) -> list[Row]:
         if n == 3699:
             result += _of_video(pixels, alpha)
     result.append(
-        Row("4.5", "last step of β (rad)", "2.987e-9", f"{study.last_beta_step:.1e}", "median, section 4.4's settings")
+        TableRow(
+            "4.5", "last step of β (rad)", "2.987e-9", f"{study.last_beta_step:.1e}", "median, section 4.4's settings"
+        )
     )
-    result.append(Row("4.5", "last relative step of σ²", "2.131e-9", f"{study.last_sigma2_step:.1e}", "median"))
+    result.append(TableRow("4.5", "last relative step of σ²", "2.131e-9", f"{study.last_sigma2_step:.1e}", "median"))
     result.append(
-        Row("4.5", "estimation in all (s)", "2.878", f"{study.single_s:.4f}", "3,699 frames, without detection")
+        TableRow("4.5", "estimation in all (s)", "2.878", f"{study.single_s:.4f}", "3,699 frames, without detection")
     )
     return result
 
 
-def _of_video(pixels: Array, alpha: Array) -> list[Row]:
+def _of_video(pixels: Array, alpha: Array) -> list[TableRow]:
     m = camera(1644.82).intrinsics.polar(pixels)[0]
     low, high = np.quantile(m, [0.05, 0.95])
     top = np.quantile(np.rad2deg(alpha.max(axis=1)), [0.025, 0.5, 0.975])
     note = "the model at the paper's own β̂ and σ̂"
     return [
-        Row("4.5", "90 % of m (px)", "28 to 182", f"{low:.0f} to {high:.0f}", note),
-        Row("4.5", "m above 300 px", "0.8 %", f"{100 * np.mean(m > 300):.2f} %", note),
-        Row("4.5", "α up to 5°", "over 95 %", f"{100 * np.mean(alpha <= np.deg2rad(5)):.1f} %", note),
-        Row("4.5", "largest α (deg)", "10.010", f"{top[1]:.2f} (95 %: {top[0]:.2f} to {top[2]:.2f})", note),
+        TableRow("4.5", "90 % of m (px)", "28 to 182", f"{low:.0f} to {high:.0f}", note),
+        TableRow("4.5", "m above 300 px", "0.8 %", f"{100 * np.mean(m > 300):.2f} %", note),
+        TableRow("4.5", "α up to 5°", "over 95 %", f"{100 * np.mean(alpha <= np.deg2rad(5)):.1f} %", note),
+        TableRow("4.5", "largest α (deg)", "10.010", f"{top[1]:.2f} (95 %: {top[0]:.2f} to {top[2]:.2f})", note),
     ]

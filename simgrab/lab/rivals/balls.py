@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.errors import RecordError
 from simgrab.instrument.contract import Picture
 from simgrab.lab.rivals.contract import Series, Swing
-from simgrab.lab.rivals.side import Readings, View, filtered
+from simgrab.lab.rivals.side import LeanReadings, SideView, filtered
 from simgrab.model.geometry import Array
 
 HUES, LEAST_SATURATION, LEAST_VALUE = (50, 70), 140, 40  # of green balls, in OpenCV's units
@@ -75,7 +75,7 @@ def meet(centres: Array, rays: Array, focal_px: Array) -> tuple[Array, Array]:
     return point, np.linalg.inv(np.einsum("n,nij->ij", weight, off))
 
 
-def tysse(views: Sequence[View], rope: Series, time: Array) -> Swing:
+def tysse(views: Sequence[SideView], rope: Series, time: Array) -> Swing:
     """Line through two balls on the rope, triangulated by several cameras, filtered by a pendulum.
 
     After Tysse et al. (2020). Known: three cameras on the crane's king, two balls on the cable, an extended Kalman
@@ -85,7 +85,7 @@ def tysse(views: Sequence[View], rope: Series, time: Array) -> Swing:
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of SideView
         Two or more cameras with one clock, that of ``time``.
     rope : Series
         Rope lengths, |OA|, m.
@@ -117,10 +117,10 @@ def tysse(views: Sequence[View], rope: Series, time: Array) -> Swing:
         if len(seen) >= FEWEST_VIEWS:
             rows[i], values[i] = _line(seen)
     source = "both balls were not seen"
-    return filtered([Readings(source, stamps[first], rows, values, 1.0)], rope, time)
+    return filtered([LeanReadings(source, stamps[first], rows, values, 1.0)], rope, time)
 
 
-def _line(seen: Sequence[tuple[View, Array]]) -> tuple[Array, Array]:
+def _line(seen: Sequence[tuple[SideView, Array]]) -> tuple[Array, Array]:
     """Return readings of unit variance: rows (2, 2) and values (2,), NaN where the spots are no balls on a rope."""
     centres, focal = np.array([view.centre for view, _ in seen]), np.array([view.focal_px for view, _ in seen])
     rays = np.array([view.rays(two) for view, two in seen])

@@ -50,7 +50,7 @@ def conclude(
     time = [one.time_s for one in observations if one.time_s is not None]
     if rope is not None and len(time) == len(observations):
         length = rope.at(np.array(time))[:, 0]
-    record = angles.seen(observations, Rope(length, np.zeros(len(length), bool)))
+    record = angles.arrays(observations, Rope(length, np.zeros(len(length), bool)))
     alpha, ends = np.full(len(length), np.nan), np.full((len(length), 2), np.nan)
     if estimator.needs_rope and np.isnan(length).any():
         return angles.measurements(record, alpha, ends, f"{estimator.name} needs rope lengths, and frames with times")

@@ -14,7 +14,7 @@ from simgrab.lab.rivals.contract import Method, Sensors, Swing, refusing
 from simgrab.lab.rivals.kalman import (
     START_SD,
     STEP_S,
-    Model,
+    LinearModel,
     Pendulum,
     advance,
     averaged,
@@ -131,7 +131,7 @@ def _gyroscope(mount: str, waves_m_s: float | None) -> Method:
                 noise[:, i] = 1e-4 * STEP_S
             reading[0, 6] = reading[1, 8] = 1
             start_sd = np.concatenate([start_sd, [0.02, 0.002, 0.02, 0.002]])
-        model = Model(start_sd, advance(a), noise, reading, np.full(2, RATE_SD))
+        model = LinearModel(start_sd, advance(a), noise, reading, np.full(2, RATE_SD))
         return swing(time, steps, *kalman(model, rate[:, :2]), imu.time)
 
     return method
@@ -156,7 +156,7 @@ def kim(sensors: Sensors, time: Array) -> Swing:
     pendulum = Pendulum(rope.at(steps)[:, 0], rate)
     # The inclinometer's own acceleration takes its share of apparent gravity: (θ + a/g)(1 − r/l).
     share = (1 - ROPE_M / pendulum.equivalent)[:, None]
-    model = Model(
+    model = LinearModel(
         START_SD, advance(pendulum.rates(4)), pendulum.noise(4), share[..., None] * np.eye(2, 4),
         np.full(2, INCLINOMETER_SD), drive=pendulum.drive(4, force), known=share * force / STANDARD_GRAVITY,
     )  # fmt: skip
@@ -202,7 +202,7 @@ def jung(sensors: Sensors, time: Array) -> Swing:
     start = np.zeros(10)
     start[6:8] = -force[:2] / force[2]
     start_sd = np.concatenate([START_SD, np.repeat([BIAS_SD, LEVEL_SD, BIAS_SD], 2)])
-    model = Model(start_sd, advance(a), noise, reading, np.repeat([RATE_SD, TARGET_SD], 2), start, drive, known)
+    model = LinearModel(start_sd, advance(a), noise, reading, np.repeat([RATE_SD, TARGET_SD], 2), start, drive, known)
     readings = np.hstack([rate[:, :2], averaged(target.time, target.values, steps)])
     found = swing(time, steps, *kalman(model, readings), imu.time)
     outside = (time < target.time[0]) | (time > target.time[-1])

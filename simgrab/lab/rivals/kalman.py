@@ -28,7 +28,7 @@ LEAN, SPEED = slice(0, 2), slice(2, 4)
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class LinearModel:
     """A linear model of n steps with d states and m readings.
 
     Attributes
@@ -58,7 +58,7 @@ class Model:
     known: Array | float = 0.0
 
 
-def kalman(model: Model, readings: Array) -> tuple[Array, Array]:
+def kalman(model: LinearModel, readings: Array) -> tuple[Array, Array]:
     """Filter readings (n, m), of which those that are NaN are left out.
 
     Returns
@@ -188,5 +188,5 @@ def swing(at: Array, steps: Array, states: Array, covariances: Array, times: Arr
     sd = np.sqrt(np.maximum(split(of_lean, lean)[0], 0))
     reason = silent(times, at, most_s)
     worst = np.sqrt(np.linalg.eigvalsh(of_lean)[:, -1])
-    reason = np.where((reason == "") & (worst > MOST_SD), "the filter has not settled", reason)
+    reason = np.where((reason == "") & (worst > MOST_SD), "the filter has not converged", reason)
     return Swing.of(lean, sd, reason)

@@ -42,7 +42,7 @@ Finder = Callable[[Picture], Mark | None]
 
 
 @dataclass(frozen=True)
-class Layer:
+class RestMark:
     """Where a mark is at rest, at one rope length.
 
     Attributes
@@ -121,7 +121,7 @@ def target(picture: Picture) -> Mark | None:
     return Mark((float(middles[largest, 0]) + 0.5, float(middles[largest, 1]) + 0.5), 2 * np.sqrt(area / np.pi))
 
 
-def level_layers(calibration: Calibration, position: Array, side_m: float, ropes: Sequence[float]) -> list[Layer]:
+def level_layers(calibration: Calibration, position: Array, side_m: float, ropes: Sequence[float]) -> list[RestMark]:
     """Layers as they would be for a level camera: what is assumed where none were measured.
 
     Parameters
@@ -140,7 +140,7 @@ def level_layers(calibration: Calibration, position: Array, side_m: float, ropes
         seen = MOUNT.T @ (np.array([0.0, 0.0, -rope]) + position - calibration.offset_m)
         scale = calibration.focal_length_px / seen[2]
         pixel = float(calibration.cx_px + scale * seen[0]), float(calibration.cy_px + scale * seen[1])
-        layers.append(Layer(rope, Mark(pixel, float(scale * side_m))))
+        layers.append(RestMark(rope, Mark(pixel, float(scale * side_m))))
     return layers
 
 
@@ -152,7 +152,7 @@ class Layered:
     ----------
     name : str
     find : Finder
-    layers : sequence of Layer
+    layers : sequence of RestMark
         With increasing rope lengths; places between are interpolated, those beyond are the last.
     side_m : float
         Length of what a `Mark` has as its side, m.
@@ -169,7 +169,7 @@ class Layered:
 
     name: str
     find: Finder
-    layers: Sequence[Layer]
+    layers: Sequence[RestMark]
     side_m: float
     up_m: float
     rope: Series

@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.errors import RecordError
 from simgrab.instrument.contract import Picture
 from simgrab.lab.rivals.contract import Series, Swing
-from simgrab.lab.rivals.side import Readings, View, filtered
+from simgrab.lab.rivals.side import LeanReadings, SideView, filtered
 from simgrab.model.geometry import Array
 
 EDGES = (60, 180)  # thresholds of Canny's detector
@@ -52,14 +52,14 @@ def rope_lines(picture: Picture) -> Array:
     return lines + 0.5  # OpenCV counts from pixel centres
 
 
-def rope_plane(lines: Array, view: View) -> Array | None:
+def rope_plane(lines: Array, view: SideView) -> Array | None:
     """Plane of the ropes through the camera's centre: n with n_x t_x + n_y t_y = n_z for the tangents t of their lean.
 
     Parameters
     ----------
     lines : ndarray, shape (n, 4)
         As `rope_lines` returns them; those that do not pass the rope exit, or lean too much, are left out.
-    view : View
+    view : SideView
 
     Returns
     -------
@@ -81,7 +81,7 @@ def rope_plane(lines: Array, view: View) -> Array | None:
     return np.asarray(normals[np.abs(lean - np.median(lean)) <= LIKE].mean(axis=0)) if len(lean) > 2 else normals[0]
 
 
-def _axes(view: View) -> tuple[Array, Array]:
+def _axes(view: SideView) -> tuple[Array, Array]:
     """Horizontal directions (2,) across and along the optical axis; a camera that looks straight down has none."""
     ahead = view.rotation[:2, 2]
     norm = float(np.linalg.norm(ahead))
@@ -91,7 +91,7 @@ def _axes(view: View) -> tuple[Array, Array]:
     return np.array([along[1], -along[0]]), along
 
 
-def okubanjo(views: Sequence[View], rope: Series, time: Array) -> Swing:
+def okubanjo(views: Sequence[SideView], rope: Series, time: Array) -> Swing:
     """Lean of the ropes' lines in the pictures of cameras at the side, filtered by a pendulum.
 
     After Okubanjo et al. (2018). Known: a web camera at the side, rope and load in its pictures, a Kalman filter.
@@ -102,7 +102,7 @@ def okubanjo(views: Sequence[View], rope: Series, time: Array) -> Swing:
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of SideView
         One or more cameras, whose clock is that of ``time``.
     rope : Series
         Rope lengths, |OA|, m.
@@ -126,13 +126,13 @@ def okubanjo(views: Sequence[View], rope: Series, time: Array) -> Swing:
         at, along = readings[0], _axes(views[0])[1]
         n = len(at.time)
         readings.append(
-            Readings(at.source, at.time, np.tile(along, (n, 1, 1)), np.where(np.isfinite(at.values), 0.0, np.nan),
+            LeanReadings(at.source, at.time, np.tile(along, (n, 1, 1)), np.where(np.isfinite(at.values), 0.0, np.nan),
                      PLANE_SD)
         )  # fmt: skip
     return filtered(readings, rope, time)
 
 
-def _read(view: View) -> Readings:
+def _read(view: SideView) -> LeanReadings:
     _axes(view)
     time, planes = [], []
     for frame in view.frames:
@@ -141,6 +141,6 @@ def _read(view: View) -> Readings:
             plane = None if frame.picture is None else rope_plane(rope_lines(frame.picture), view)
             planes.append(np.full(3, np.nan) if plane is None else plane)
     found = np.reshape(planes, (-1, 3))
-    return Readings(
+    return LeanReadings(
         f"{view.name}: ropes were not seen", np.array(time), np.nan_to_num(found[:, None, :2]), found[:, 2:], LEAN_SD
     )

@@ -16,7 +16,7 @@ from simgrab.io import pictures
 from simgrab.lab.rivals.contract import Series, Swing
 from simgrab.lab.rivals.kalman import (
     START_SD,
-    Model,
+    LinearModel,
     Pendulum,
     advance,
     averaged,
@@ -30,7 +30,7 @@ MOST_GAP_S = 1.0  # between readings
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class SideView:
     """A pinhole camera that stands still in the jib frame, and its pictures.
 
     Attributes
@@ -76,7 +76,7 @@ class _Pictures:
                 yield Frame(None, time, str(problem), name)
 
 
-def read_view(folder: str | Path, origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> View:
+def read_view(folder: str | Path, origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> SideView:
     """Read a camera's folder, such as a dataset's ``sensors/clip_000/side0``.
 
     Parameters
@@ -114,11 +114,11 @@ def read_view(folder: str | Path, origin_m: tuple[float, float, float] = (0.0, 0
     check_times(time, f"{where}: time, row")
     centre = pose[:3, 3] + origin_m
     taken = _Pictures(folder / "data", tuple(names), tuple(time.tolist()))
-    return View(folder.name, pose[:3, :3], centre, fu, (cu, cv), taken)
+    return SideView(folder.name, pose[:3, :3], centre, fu, (cu, cv), taken)
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class LeanReadings:
     """Linear readings of the leans' tangents (tan α cos φ, tan α sin φ) along x and y of the jib frame.
 
     Attributes
@@ -140,12 +140,12 @@ class Readings:
     sd: float
 
 
-def filtered(readings: list[Readings], lengths: Series, time: Array) -> Swing:
+def filtered(readings: list[LeanReadings], lengths: Series, time: Array) -> Swing:
     """Swing at instants (n,), s, by a Kalman filter of a pendulum whose tangents of lean are read.
 
     Parameters
     ----------
-    readings : list of Readings
+    readings : list of LeanReadings
     lengths : Series
         Rope lengths, |OA|, m.
     time : ndarray, shape (n,)
@@ -166,7 +166,7 @@ def filtered(readings: list[Readings], lengths: Series, time: Array) -> Swing:
     pendulum = Pendulum(lengths.at(steps)[:, 0], np.zeros(len(steps)))
     reading = np.concatenate(rows, axis=1)
     reading = np.concatenate([reading, np.zeros_like(reading)], axis=2)
-    model = Model(START_SD, advance(pendulum.rates(4)), pendulum.noise(4), reading, np.array(sd))
+    model = LinearModel(START_SD, advance(pendulum.rates(4)), pendulum.noise(4), reading, np.array(sd))
     found = swing(time, steps, *kalman(model, np.concatenate(values, axis=1)), every, MOST_GAP_S)
     for one, some in zip(readings, seen, strict=True):
         found = found.without(_gone(one.time[some], time), f"{one.source} for more than {MOST_GAP_S:g} s")

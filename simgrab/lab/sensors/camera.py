@@ -11,7 +11,7 @@ from simgrab.model.scenario import Camera, FixedMount, PixelFocal, SideCamera
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.sensors.device import SWING, Device, Setting
-from simgrab.world.sensors.errors import Clock
+from simgrab.world.sensors.errors import SensorClock
 from simgrab.world.sensors.motion import Motion
 from simgrab.world.trajectory.moment import Moment
 
@@ -26,7 +26,7 @@ class CameraDevice(Device):
     truth_columns = ("time [s]", "radius [m]", "u [px]", "v [px]", *SWING)
 
     def __init__(self, sensor: SideCamera, setting: Setting) -> None:
-        super().__init__(Clock(sensor.rate_hz))
+        super().__init__(SensorClock(sensor.rate_hz))
         self._sensor, self._setting = sensor, setting
         camera = Camera(
             width_px=sensor.width_px, height_px=sensor.height_px, focal=PixelFocal(sensor.focal_length_px),

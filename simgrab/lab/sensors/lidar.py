@@ -13,7 +13,7 @@ from simgrab.model.scenario import Lidar, Weather
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.sensors.device import SWING, Device, Setting
-from simgrab.world.sensors.errors import Clock, counted
+from simgrab.world.sensors.errors import SensorClock, counted
 from simgrab.world.sensors.motion import Motion
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class LidarDevice(Device):
     truth_columns = ("time [s]", "range [m]", "id", *SWING)
 
     def __init__(self, sensor: Lidar, setting: Setting) -> None:
-        super().__init__(Clock.draw(sensor.rate_hz, sensor, setting.opened))
+        super().__init__(SensorClock.draw(sensor.rate_hz, sensor, setting.opened))
         self._sensor, self._setting, self._noise = sensor, setting, setting.opened("noise")
         self._extinction = extinction(setting.scenario.weather)
         self.body_from_sensor = np.eye(4)

@@ -22,7 +22,7 @@ _LEAST_PULL = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Waves:
+class WaveAmplitudes:
     """Amplitudes of the modes at n instants, of horizontal displacement in the pivot frame of `Motion`.
 
     At a distance s from O the ropes are displaced by Σ amplitude · sin(number · π s/length).
@@ -42,8 +42,8 @@ class Waves:
     length_rate: Array
     length_acceleration: Array
 
-    def __getitem__(self, which: NDArray[np.intp]) -> Waves:
-        return Waves(**{name: values[which] for name, values in vars(self).items()})
+    def __getitem__(self, which: NDArray[np.intp]) -> WaveAmplitudes:
+        return WaveAmplitudes(**{name: values[which] for name, values in vars(self).items()})
 
     def at(self, distance: float) -> tuple[Array, Array, Array]:
         """Motion of the ropes at a distance from O, m, shape (n, 3) each.
@@ -81,7 +81,7 @@ class Strings:
 
     A load w(s) across the ropes, m/s², drives mode j, of frequency ω = (jπ/l)·√(tension/mass a metre), by
     (2/l)·∫ w sin(jπs/l) ds. The load is apparent gravity less the acceleration of the straight rope, and what shakes
-    the exits. It begins settled.
+    the exits. It begins in its steady state.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class RopeWaves:
 
     def advance(
         self, block: Block, which: NDArray[np.intp], late: Array, begun: dict[str, Array], fields: dict[str, Array]
-    ) -> Waves:
+    ) -> WaveAmplitudes:
         """Go on by a block.
 
         Parameters
@@ -183,7 +183,9 @@ class RopeWaves:
             for i, (drive, shaken) in enumerate(zip(block.drives(), next(self._shaken), strict=True))
         ]  # fmt: skip
         amplitude, rate, acceleration = np.concatenate(amplitudes).transpose(1, 0, 2, 3)
-        return Waves(amplitude, rate, acceleration, fields["length"], fields["rope_rate"], fields["rope_acceleration"])
+        return WaveAmplitudes(
+            amplitude, rate, acceleration, fields["length"], fields["rope_rate"], fields["rope_acceleration"]
+        )
 
 
 def _across(vector: Array, direction: Array) -> Array:

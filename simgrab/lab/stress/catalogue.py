@@ -24,7 +24,7 @@ MAP_AXES = ("alpha-law", "n", "beta", "sigma")
 DEPTHS: Mapping[str, Any] = MappingProxyType({"geometric": geometric, "rendered": rendered})
 """How far a replication goes from truth to angles, by name: modules with the same functions.
 
-``settle(study, point)`` makes what every replication at a point is drawn from, or raises `StressError`; ``draw(that,
+``prepare(study, point)`` makes what every replication at a point is drawn from, or raises `StressError`; ``draw(that,
 seed, trials)`` gives `Records`, each replication by its number alone; ``together(that)`` says how many may be drawn at
 once; ``show(that, seed, trial)`` gives one and its picture, if any; ``made_with()`` names what else numbers depend on.
 ``KEYS`` are the scene's keys that reach it. Axes that are no key reach the geometric depth alone.
@@ -120,7 +120,7 @@ def check(study: Study) -> None:
         if name not in study.estimators:
             raise StressError(f"{name!r} has limits but is not in estimators: {', '.join(study.estimators)}")
     for point in study.points:
-        depth.settle(study, point)
+        depth.prepare(study, point)
     for key, points in (("holds", [study.holds] if study.holds else []), ("accept", [a.at for a in study.accept])):
         for point in points:
             if point not in study.points:

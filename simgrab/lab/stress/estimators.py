@@ -83,18 +83,18 @@ def run(name: str, records: Records) -> Estimates:
     return stacked(name, each, records.alpha.shape[1])
 
 
-def flaw(found: Any, frames: int) -> str:
+def flaw(estimate: Any, frames: int) -> str:
     """Describe what is wrong with what an estimator returned for a record of so many frames; empty where nothing is."""
-    if not isinstance(found, Estimate):
-        return f"estimate must return a simgrab.model.records.estimates.Estimate, got {type(found).__name__}"
-    if found.status not in ("ok", "refused"):
-        return f"status must be 'ok' or 'refused', got {found.status!r}"
-    if not found.ok:
-        return "" if found.reason else "a refusal needs a reason"
-    shape = np.asarray(found.alpha, float).shape
+    if not isinstance(estimate, Estimate):
+        return f"estimate must return a simgrab.model.records.estimates.Estimate, got {type(estimate).__name__}"
+    if estimate.status not in ("ok", "refused"):
+        return f"status must be 'ok' or 'refused', got {estimate.status!r}"
+    if not estimate.ok:
+        return "" if estimate.reason else "a refusal needs a reason"
+    shape = np.asarray(estimate.alpha, float).shape
     if shape != (frames,):
         return f"alpha must have one value for each of {frames} frames, got the shape {shape}"
-    for key, value in (("beta", found.beta), ("sigma", found.sigma), ("alpha", found.alpha)):
+    for key, value in (("beta", estimate.beta), ("sigma", estimate.sigma), ("alpha", estimate.alpha)):
         sizes = np.abs(np.asarray(value, float))
         largest = np.max(sizes, where=np.isfinite(sizes), initial=0.0)
         if largest > np.pi / 2:

@@ -12,7 +12,7 @@ from simgrab.lab.stress.axes import Value
 from simgrab.lab.stress.convergence import population, starts_at_zero
 from simgrab.lab.stress.laws import LAWS
 from simgrab.lab.stress.study import axis_of
-from simgrab.lab.stress.summary import Point, Summary
+from simgrab.lab.stress.summary import Point, StudySummary
 from simgrab.model.geometry import Array
 from simgrab.reports.plots import Axes, Figure, rc_context
 from simgrab.text import printable
@@ -26,7 +26,7 @@ _BOLD: Any = {"axes.titleweight": "bold", "axes.titley": 1.0}
 Curve = tuple[str, str, str, float]  # column, statistic, line style, factor
 
 
-def slices(summary: Summary) -> list[tuple[str, list[Point]]]:
+def slices(summary: StudySummary) -> list[tuple[str, list[Point]]]:
     """Points of the first axis, for each value of the second, with what to call them."""
     points = summary.study.points
     if len(summary.study.axes) == 1:
@@ -40,7 +40,7 @@ def slices(summary: Summary) -> list[tuple[str, list[Point]]]:
     return result
 
 
-def draw(summary: Summary, points: Sequence[Point]) -> Figure:
+def draw(summary: StudySummary, points: Sequence[Point]) -> Figure:
     """Draw bias, RMSE, coverage, refusals, α̂ at a true 10°, and missed and false alarms."""
     with rc_context(_STYLE | _BOLD):
         figure = Figure(figsize=(11.5, 6.0))
@@ -92,7 +92,7 @@ def _ticks(axes: Axes, name: str, values: Sequence[Value], x: Sequence[float]) -
     axes.grid(lw=0.4, alpha=0.6)
 
 
-def convergence(summary: Summary) -> Figure:
+def convergence(summary: StudySummary) -> Figure:
     """Draw share converged from start 0 for each distribution, at the largest n, and three curves."""
     laws, ns, betas, sigmas = (s.values for s in summary.study.axes)
     beta, sigma = np.array(betas, float), np.array(sigmas, float)

@@ -11,11 +11,11 @@ from simgrab.lab.stress import swings
 from simgrab.lab.stress.records import PROBE_ALPHA, PROBES, Records
 from simgrab.lab.stress.situation import KEYS as KEYS
 from simgrab.lab.stress.situation import Situation
-from simgrab.lab.stress.study import situation as settle
-from simgrab.lab.stress.swings import Draws, Motion
+from simgrab.lab.stress.study import situation as prepare
+from simgrab.lab.stress.swings import Draws, ReplicatedMotion
 from simgrab.model.geometry import Array, camera_rotation, grab_centre, grab_rotation, lean, rotation_z, to_camera
 
-__all__ = ["KEYS", "draw", "made_with", "settle", "show", "together"]
+__all__ = ["KEYS", "draw", "made_with", "prepare", "show", "together"]
 
 FRAMES_AT_ONCE = 1 << 18
 """Frames that are drawn together, which bounds the memory."""
@@ -70,7 +70,7 @@ def made_with() -> str:
     return ""
 
 
-def _seen(situation: Situation, draws: Draws, motion: Motion, prefix: str = "") -> Array:
+def _seen(situation: Situation, draws: Draws, motion: ReplicatedMotion, prefix: str = "") -> Array:
     """Pixels (M, n, 2) at which the grab is found."""
     rotation = _rotation(situation, draws, motion, prefix)
     offset = rotation_z(situation.azimuth) @ np.array(situation.offset) + situation.nominal.offset_m
@@ -87,7 +87,7 @@ def _seen(situation: Situation, draws: Draws, motion: Motion, prefix: str = "") 
     return _noisy(situation, draws, pixels, prefix)
 
 
-def _rotation(s: Situation, draws: Draws, motion: Motion, prefix: str) -> Array:
+def _rotation(s: Situation, draws: Draws, motion: ReplicatedMotion, prefix: str) -> Array:
     """Camera to jib, shape (3, 3), or (M, n, 3, 3) where it moves."""
     if motion.tilt is not None:
         return camera_rotation(motion.tilt[:, 0] + s.planted, motion.tilt[:, 1], motion.tilt[:, 2])
@@ -118,7 +118,7 @@ def _noisy(s: Situation, draws: Draws, pixels: Array, prefix: str) -> Array:
     return pixels
 
 
-def _missed(s: Situation, draws: Draws, motion: Motion, pixels: Array) -> Array:
+def _missed(s: Situation, draws: Draws, motion: ReplicatedMotion, pixels: Array) -> Array:
     gone = np.zeros(motion.alpha.shape, bool)
     if s.missing:
         gone |= draws.uniform("missing") < s.missing

@@ -30,7 +30,7 @@ from simgrab.lab.stress import convergence, estimators, score
 from simgrab.lab.stress.catalogue import columns, depth_of
 from simgrab.lab.stress.records import Records
 from simgrab.lab.stress.study import Study
-from simgrab.lab.stress.summary import Finding, Summary, Verdict, judge
+from simgrab.lab.stress.summary import LimitVerdict, StudyResult, StudySummary, judge
 from simgrab.runtime.cluster import open_pool
 from simgrab.runtime.processes import Executor
 
@@ -43,7 +43,7 @@ STUDY, PARTIAL, TRIALS, SUMMARY, REPORT = "study.json", ".partial", "trials.parq
 
 
 @dataclass(frozen=True)
-class Part:
+class ReplicationBatch:
     """Replications ``first`` to ``last`` − 1 at one point of a study."""
 
     point: int
@@ -56,26 +56,26 @@ class Part:
         return f"{self.point:04d}-{self.first:08d}-{self.last:08d}.parquet"
 
 
-def parts(study: Study) -> list[Part]:
+def parts(study: Study) -> list[ReplicationBatch]:
     """Split a study into parts that may be drawn together; parts with slow estimators are smaller."""
     depth = depth_of(study.depth)
     slow_until = max((study.trials_of(name) for name in study.fewer if name in study.estimators), default=0)
     result = []
     for index, point in enumerate(study.points):
-        together = depth.together(depth.settle(study, point))
+        together = depth.together(depth.prepare(study, point))
         first = 0
         while first < study.replications:
             step = min(together, MOST_SLOW_TRIALS) if first < slow_until else together
             last = min(first + step, study.replications)
-            result.append(Part(index, first, last))
+            result.append(ReplicationBatch(index, first, last))
             first = last
     return result
 
 
-def make(study: Study, part: Part) -> pa.Table:
+def make(study: Study, part: ReplicationBatch) -> pa.Table:
     """Draw, estimate and score the replications of a part: one row for each of them and each estimator."""
     point, depth = study.points[part.point], depth_of(study.depth)
-    here = depth.settle(study, point)
+    here = depth.prepare(study, point)
     records = depth.draw(here, study.seed, range(part.first, part.last))
     fields = schema(study)
     place = {s.axis: str(v) if isinstance(v, str) else v for s, v in zip(study.axes, point, strict=True)}
@@ -107,7 +107,7 @@ def schema(study: Study) -> pa.Schema:
     return pa.schema(fields + [(name, pa.float64()) for name in columns(study.kind)])
 
 
-def made(study: Study, part: Part) -> bytes:
+def made(study: Study, part: ReplicationBatch) -> bytes:
     """Make a part; gives the bytes of its table."""
     sink = io.BytesIO()
     pq.write_table(make(study, part), sink)
@@ -143,7 +143,7 @@ def run(
     cluster: str | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-) -> list[Finding]:
+) -> list[StudyResult]:
     """Run studies and write the report.
 
     Each study gets a folder of its name in ``out`` with ``trials.parquet`` (one row for each point, replication and
@@ -184,7 +184,7 @@ def run(
         identities = {study.name: _identity(study) for study in studies}
         unfinished = [one for one in studies if journals[one.name].check(identities[one.name], resume=resume)]
         total = sum(len(study.points) * study.replications for study in studies)
-        missing: list[tuple[Study, Part]] = []
+        missing: list[tuple[Study, ReplicationBatch]] = []
         for study in unfinished:
             stack.enter_context(journals[study.name].opened(identities[study.name]))
             there = journals[study.name].units()
@@ -212,16 +212,16 @@ def journal(study: Study, out: Path) -> Journal:
     return Journal(Store(str(out / study.name), drafts=PARTIAL, refuse=StressError), whole=STUDY, kind="study")
 
 
-def _named(job: tuple[Study, Part]) -> str:
+def _named(job: tuple[Study, ReplicationBatch]) -> str:
     study, part = job
     return f"{study.name}, point {part.point + 1}, replications {part.first} to {part.last - 1}"
 
 
-def _figured(finding: Finding) -> str:
+def _figured(finding: StudyResult) -> str:
     return f"figures of {finding.summary.study.name}"
 
 
-def _made(job: tuple[Study, Part]) -> tuple[str, Part, bytes]:
+def _made(job: tuple[Study, ReplicationBatch]) -> tuple[str, ReplicationBatch, bytes]:
     """Make a part; gives the study's name, the part and what its file is to hold."""
     study, part = job
     return study.name, part, made(study, part)
@@ -245,25 +245,25 @@ def _finish(out: Path, study: Study) -> str:
     return study.name
 
 
-def _summed(study: Study, path: Path) -> Summary:
-    summary = Summary(study, columns(study.kind))
+def _summed(study: Study, path: Path) -> StudySummary:
+    summary = StudySummary(study, columns(study.kind))
     for table in parquet.groups(path / TRIALS):
         summary.add(table)
     return summary
 
 
-def read(path: Path, study: Study) -> Finding:
+def read(path: Path, study: Study) -> StudyResult:
     """Read a finished study."""
     summary = _summed(study, path)
-    return Finding(summary, tuple(judge(summary)))
+    return StudyResult(summary, tuple(judge(summary)))
 
 
-def failures(findings: Iterable[Finding]) -> list[Verdict]:
+def failures(findings: Iterable[StudyResult]) -> list[LimitVerdict]:
     """Limits that are not met."""
     return [verdict for finding in findings for verdict in finding.verdicts if not verdict.passed]
 
 
-def outcome(findings: Sequence[Finding]) -> str:
+def outcome(findings: Sequence[StudyResult]) -> str:
     """Say how many limits are met."""
     count = sum(len(finding.verdicts) for finding in findings)
     return f"{count - len(failures(findings))} of {count} limits are met" if count else "no limits were set"

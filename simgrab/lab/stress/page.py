@@ -13,12 +13,12 @@ from simgrab.io import files
 from simgrab.lab.stress import figures
 from simgrab.lab.stress.score import MARGIN_DEG
 from simgrab.lab.stress.study import Study, place
-from simgrab.lab.stress.summary import Figure, Finding, Point, Summary
+from simgrab.lab.stress.summary import MonteCarloFigure, Point, StudyResult, StudySummary
 from simgrab.reports.html import page, svg
 
 HALF_REFUSED = 0.5
 # Curve, its column and statistic, factor and unit, and the key of which the largest is the worst.
-_CURVES: tuple[tuple[str, str, str, float, str, Callable[[Figure], float]], ...] = (
+_CURVES: tuple[tuple[str, str, str, float, str, Callable[[MonteCarloFigure], float]], ...] = (
     ("bias of β̂", "beta_error_deg", "mean", 1, "°", lambda f: abs(f.mean)),
     ("RMSE of β̂", "beta_error_deg", "rms", 1, "°", lambda f: f.rms),
     ("95 % interval of β covers it", "cover_beta", "mean", 100, " %", lambda f: -f.mean),
@@ -32,7 +32,7 @@ _CURVES: tuple[tuple[str, str, str, float, str, Callable[[Figure], float]], ...]
 Share = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 
-def write(findings: Sequence[Finding], path: Path, share: Share) -> None:
+def write(findings: Sequence[StudyResult], path: Path, share: Share) -> None:
     """Write the page, which needs no other file; ``share`` spreads the drawing over processes."""
     sections = {section["name"]: section for section in share(_section, findings)}
     curves = [f.summary for f in findings if f.summary.study.kind == "estimators"]
@@ -50,7 +50,7 @@ def write(findings: Sequence[Finding], path: Path, share: Share) -> None:
     files.write(path, text)
 
 
-def worst_at_ten(summary: Summary, name: str) -> tuple[float, float]:
+def worst_at_ten(summary: StudySummary, name: str) -> tuple[float, float]:
     """Largest mean error at a true 10° over the points, deg, and largest share of refused records."""
     errors = [summary.at(p, name, "alpha10_most_deg").mean for p in summary.study.points]
     refused = [summary.at(p, name, "refused").mean for p in summary.study.points]
@@ -69,7 +69,7 @@ def _span(values: Sequence[Any]) -> str:
     return f"{min(values):g} … {max(values):g}" if len(values) > 1 else f"{values[0]:g}"
 
 
-def cell(summary: Summary, name: str) -> tuple[str, str]:
+def cell(summary: StudySummary, name: str) -> tuple[str, str]:
     """Return an estimator's largest error and the colour of its cell; nothing where there is none."""
     if name not in summary.study.estimators:
         return "", ""
@@ -82,7 +82,7 @@ def cell(summary: Summary, name: str) -> tuple[str, str]:
     return f"{error:.2f}", f"hsl(12 85% {96 - 38 * heat:.0f}%)"
 
 
-def _section(finding: Finding) -> dict[str, Any]:
+def _section(finding: StudyResult) -> dict[str, Any]:
     """Write one study's part of the page: its words, and each figure with title and sentences."""
     summary = finding.summary
     study = summary.study
@@ -107,14 +107,14 @@ def _section(finding: Finding) -> dict[str, Any]:
     return {"name": study.name, "title": study.title, "lead": lead, "figures": drawn}
 
 
-def rivals(summary: Summary) -> list[str]:
+def rivals(summary: StudySummary) -> list[str]:
     """Estimators worth a word: all, but for the one that corrects nothing."""
     return [name for name in summary.study.estimators if name != ZeroTilt.name] or list(summary.study.estimators)
 
 
 def extreme(
-    summary: Summary, points: Sequence[Point], column: str, key: Callable[[Figure], float]
-) -> tuple[Figure, str, Point] | None:
+    summary: StudySummary, points: Sequence[Point], column: str, key: Callable[[MonteCarloFigure], float]
+) -> tuple[MonteCarloFigure, str, Point] | None:
     """Find the estimator and the point with the largest ``key`` of a column."""
     found = [
         (figure, name, point)
@@ -125,9 +125,9 @@ def extreme(
     return max(found, key=lambda f: key(f[0]), default=None)
 
 
-def sentences(summary: Summary, points: Sequence[Point]) -> list[str]:
+def sentences(summary: StudySummary, points: Sequence[Point]) -> list[str]:
     """Say of each curve where it is worst, and which estimator's worst is mildest."""
-    told = []
+    result = []
     for name, column, statistic, factor, unit, key in _CURVES:
         found = extreme(summary, points, column, key)
         if found is None:
@@ -143,5 +143,5 @@ def sentences(summary: Summary, points: Sequence[Point]) -> list[str]:
         best = min(mildest, key=lambda rival: key(mildest[rival]), default=worst)
         if best != worst and column != "refused":
             text += f"; of {best} {factor * mildest[best].statistic(statistic)[0]:.4g}{unit}"
-        told.append(f"{text}.")
-    return told or ["No record was solved."]
+        result.append(f"{text}.")
+    return result or ["No record was solved."]

@@ -1,4 +1,4 @@
-"""The rendered fidelity: a replication is a record of pictures, measured by the bundled detector and reader."""
+"""The rendered fidelity: a replication is a record of pictures, measured by the default detector and reader."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from simgrab.lab.stress import estimators, study, swings
 from simgrab.lab.stress.axes import Value
 from simgrab.lab.stress.records import PROBE_ALPHA, PROBES, Picture, Records
 from simgrab.lab.stress.study import BASE, Study
-from simgrab.lab.stress.swings import Draws, Motion
+from simgrab.lab.stress.swings import Draws, ReplicatedMotion
 from simgrab.model import label_arrays as arrays
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, camera_rotation, grab_centre, to_camera
@@ -29,7 +29,7 @@ from simgrab.model.rng import stream
 from simgrab.model.scenario import Iid, Scenario
 
 if TYPE_CHECKING:  # geometric studies do without OpenGL and onnxruntime: what needs them is imported late
-    from simgrab.instrument.angles import Seen
+    from simgrab.instrument.angles import RecordArrays
     from simgrab.instrument.contract import Frame
     from simgrab.instrument.pipeline import Pipeline
     from simgrab.world.frames import Frame as RenderedFrame
@@ -55,7 +55,7 @@ class Watched:
         Under the replication's own seed.
     calibration : Calibration
         Calibration that the instrument gets.
-    seen : Seen
+    arrays : RecordArrays
     truth : ndarray, shape (6, n)
         Of the swing α, azimuth (rad) and rope (m), of the camera β, azimuth and roll (rad).
     centre : ndarray, shape (n, 2)
@@ -66,7 +66,7 @@ class Watched:
 
     scenario: Scenario
     calibration: Calibration
-    seen: Seen
+    arrays: RecordArrays
     truth: Array
     centre: Array
     present: NDArray[np.bool_]
@@ -74,10 +74,10 @@ class Watched:
     @property
     def off_px(self) -> Array:
         """From the true to the found centre, shape (n,); NaN where none was found."""
-        return np.asarray(np.linalg.norm(self.seen.pixels - self.centre, axis=-1))
+        return np.asarray(np.linalg.norm(self.arrays.pixels - self.centre, axis=-1))
 
 
-def settle(chosen: Study, point: tuple[Value, ...]) -> Scenario:
+def prepare(chosen: Study, point: tuple[Value, ...]) -> Scenario:
     """Make the scene at a point of a study.
 
     Raises
@@ -174,7 +174,7 @@ def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
         observations = tuple(observe(frames(), pipeline.detector, pipeline.reader, calibration))
     except SimgrabError as problem:
         raise StressError(f"replication {trial}: {problem}") from None
-    found = angles.seen(observations, rope(observations, calibration, pipeline.bridge))
+    found = angles.arrays(observations, rope(observations, calibration, pipeline.bridge))
     rows = np.array(truth).T
     return Watched(own, calibration, found, rows[:6], rows[6:8].T, rows[8] > 0)
 
@@ -202,16 +202,16 @@ def _records(scenario: Scenario, seed: int, trials: Sequence[int], watched: Sequ
         if isinstance(swing, Iid)
         else np.sqrt(np.mean(alpha**2, axis=-1))
     )
-    motion = Motion(alpha, azimuth, rope, truth[:, 3:], sigma)
+    motion = ReplicatedMotion(alpha, azimuth, rope, truth[:, 3:], sigma)
     ring = swings.ring(Draws(seed, trials, PROBES), motion, PROBE_ALPHA, math.radians(camera.tilt_azimuth_deg))
     assert ring.tilt is not None
     centre = to_camera(
         grab_centre(ring.alpha, ring.azimuth, ring.rope), camera_rotation(*ring.tilt.swapaxes(0, 1)), camera.offset_m
     )
     return Records(
-        pixels=np.stack([one.seen.pixels for one in watched]),
-        rope=np.stack([one.seen.rope.length for one in watched]),
-        time=watched[0].seen.time,
+        pixels=np.stack([one.arrays.pixels for one in watched]),
+        rope=np.stack([one.arrays.rope.length for one in watched]),
+        time=watched[0].arrays.time,
         calibration=watched[0].calibration,
         alpha=np.where([one.present for one in watched], alpha, np.nan),
         beta=math.radians(camera.beta_deg),
@@ -219,7 +219,7 @@ def _records(scenario: Scenario, seed: int, trials: Sequence[int], watched: Sequ
         azimuth=math.radians(camera.tilt_azimuth_deg),
         probe_pixels=camera.intrinsics.project(centre),
         probe_rope=ring.rope,
-        pixel_sd=np.stack([one.seen.pixel_sd for one in watched]),
+        pixel_sd=np.stack([one.arrays.pixel_sd for one in watched]),
     )
 
 
@@ -240,7 +240,7 @@ def _sheet(watched: Watched) -> Picture:
 
 def _tile(picture: Picture, watched: Watched, index: int, width: int) -> Picture:
     """Mark the true centre (cross) and the found one (circle) on a reduced picture and on an enlarged part of it."""
-    true, found = watched.centre[index], watched.seen.pixels[index]
+    true, found = watched.centre[index], watched.arrays.pixels[index]
     close = cv2.resize(
         cv2.getRectSubPix(picture, (_INSET_PX, _INSET_PX), np.clip(true, -1e4, 1e4).tolist()),
         None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_NEAREST,
@@ -254,21 +254,21 @@ def _tile(picture: Picture, watched: Watched, index: int, width: int) -> Picture
     return tile
 
 
-def _mark(picture: Picture, true: Array, found: Array, scale: float, corner: Array) -> None:
+def _mark(picture: Picture, true: Array, detected: Array, scale: float, corner: Array) -> None:
     def at(pixel: Array) -> tuple[int, int]:
         u, v = np.clip((pixel - corner) * scale - 0.5, -9999, 9999).round()
         return int(u), int(v)
 
     if np.isfinite(true).all():
         cv2.drawMarker(picture, at(true), _TRUE, cv2.MARKER_TILTED_CROSS, 12, 1, cv2.LINE_AA)
-    if np.isfinite(found).all():
-        cv2.circle(picture, at(found), 7, _FOUND, 1, cv2.LINE_AA)
+    if np.isfinite(detected).all():
+        cv2.circle(picture, at(detected), 7, _FOUND, 1, cv2.LINE_AA)
 
 
 def _caption(watched: Watched, index: int) -> str:
-    observation = watched.seen.observations[index]
+    observation = watched.arrays.observations[index]
     alpha, rope_m = np.degrees(watched.truth[0, index]), watched.truth[2, index]
-    length = watched.seen.rope.length[index]
+    length = watched.arrays.rope.length[index]
     centre = f"centre off by {watched.off_px[index]:.1f} px" if observation.centre else observation.missed
     if not watched.present[index]:
         centre = f"no grab there: {'found one' if observation.centre else 'none found'}"

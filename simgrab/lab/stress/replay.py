@@ -39,7 +39,7 @@ class Replay:
     trial : int
     records : Records
         Of this replication alone.
-    found : dict of str to Estimates
+    estimates : dict of str to Estimates
         By estimator, one record each.
     rows : dict of str to dict
         By estimator, the row of ``trials.parquet``.
@@ -51,7 +51,7 @@ class Replay:
     point: tuple[Value, ...]
     trial: int
     records: Records
-    found: dict[str, Estimates]
+    estimates: dict[str, Estimates]
     rows: dict[str, dict[str, Any]]
     sheet: Picture | None
 
@@ -74,7 +74,7 @@ class Replay:
         return "\n".join(lines)
 
     def _diagnostics(self, name: str) -> dict[str, Any]:
-        return {k: _plain(v[0]) for k, v in self.found[name].diagnostics.items()}
+        return {k: _plain(v[0]) for k, v in self.estimates[name].diagnostics.items()}
 
 
 def parse_trial(study: Study, text: str) -> int:
@@ -106,11 +106,11 @@ def _same(text: str, value: Value) -> bool:
 def replay(study: Study, trial: int, point: tuple[Value, ...]) -> Replay:
     """Make one replication again; its numbers are those of the whole run."""
     depth = depth_of(study.depth)
-    records, sheet = depth.show(depth.settle(study, point), study.seed, trial)
+    records, sheet = depth.show(depth.prepare(study, point), study.seed, trial)
     names = [name for name in study.estimators if trial < study.trials_of(name)]
-    found = {name: estimators.run(name, records) for name in names}
+    estimates = {name: estimators.run(name, records) for name in names}
     rows = {name: {k: _plain(v[0]) for k, v in scored(study, name, records).items()} for name in names}
-    return Replay(study, point, trial, records, found, rows, sheet)
+    return Replay(study, point, trial, records, estimates, rows, sheet)
 
 
 def pictures(again: Replay, out: str | Path) -> list[Path]:
@@ -138,7 +138,7 @@ def draw(again: Replay) -> Figure:
     rotation = camera_rotation(records.beta, records.azimuth, np.deg2rad(records.calibration.roll_deg))
     left.plot(*k.project(rotation.T @ (0.0, 0.0, -1.0)), "x", ms=12, mew=2, color="#1c2126", label="G′, true")
     right.plot(np.rad2deg(records.alpha[0]), color="#1c2126", lw=0.8, label="true")
-    for (name, found), colour in zip(again.found.items(), COLOURS, strict=False):
+    for (name, found), colour in zip(again.estimates.items(), COLOURS, strict=False):
         if not found.ok[0]:
             continue
         down = gravity(found.beta[0], found.tilt_azimuth[0]) @ mount_from_camera(records.calibration)

@@ -41,7 +41,7 @@ COLUMNS = MappingProxyType(
 """Numbers of a row and what they are. NaN where refused or not to be had."""
 
 
-def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
+def score(estimates: Estimates, records: Records) -> dict[str, NDArray[Any]]:
     """Judge M estimates.
 
     Returns
@@ -49,11 +49,11 @@ def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
     dict of str to ndarray, shape (M,)
         `COLUMNS`, ``status`` and ``reason``.
     """
-    swing = np.where(found.ok[:, None], np.rad2deg(found.alpha - records.alpha), np.nan)
-    probe = np.rad2deg(probe_alpha(found, records) - PROBE_ALPHA)
-    nothing = np.full(len(found), np.nan)
-    own = found.intervals[0] if found.intervals else None
-    blocks = next((i for i in found.intervals if i.kind == "blocks"), None)
+    swing = np.where(estimates.ok[:, None], np.rad2deg(estimates.alpha - records.alpha), np.nan)
+    probe = np.rad2deg(probe_alpha(estimates, records) - PROBE_ALPHA)
+    nothing = np.full(len(estimates), np.nan)
+    own = estimates.intervals[0] if estimates.intervals else None
+    blocks = next((i for i in estimates.intervals if i.kind == "blocks"), None)
 
     def held(ends: Array | None, truth: Array | float) -> Array:
         if ends is None:
@@ -72,10 +72,10 @@ def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
         size = np.where(np.isfinite(values), np.abs(values), -1.0).max(axis=-1)
         return np.where(size >= 0, size, np.nan)
 
-    iterations = found.diagnostics.get("iterations", nothing)
+    iterations = estimates.diagnostics.get("iterations", nothing)
     numbers = {
-        "beta_error_deg": np.rad2deg(found.beta - records.beta),
-        "sigma_error_deg": np.rad2deg(found.sigma - records.sigma),
+        "beta_error_deg": np.rad2deg(estimates.beta - records.beta),
+        "sigma_error_deg": np.rad2deg(estimates.sigma - records.sigma),
         "alpha_error_deg": row_mean(swing),
         "alpha_rms_deg": np.sqrt(row_mean(swing**2)),
         "alpha_most_deg": most(swing),
@@ -89,23 +89,23 @@ def score(found: Estimates, records: Records) -> dict[str, NDArray[Any]]:
         "cover_alpha": row_mean(held(own.alpha, records.alpha)) if own and own.alpha is not None else nothing,
         "blocks_cover_beta": held(blocks.beta if blocks else None, records.beta),
         "blocks_cover_sigma": held(blocks.sigma if blocks else None, records.sigma),
-        "used": found.frames / records.alpha.shape[-1],
+        "used": estimates.frames / records.alpha.shape[-1],
         "iterations": np.asarray(iterations, float),
     }
-    known = {name: np.where(found.ok, numbers[name], np.nan) for name in COLUMNS}
-    return {"status": np.where(found.ok, "ok", "refused"), "reason": found.reason, **known}
+    known = {name: np.where(estimates.ok, numbers[name], np.nan) for name in COLUMNS}
+    return {"status": np.where(estimates.ok, "ok", "refused"), "reason": estimates.reason, **known}
 
 
-def probe_alpha(found: Estimates, records: Records) -> Array:
+def probe_alpha(estimates: Estimates, records: Records) -> Array:
     """α̂ of the probes, shape (M, K), from the estimated tilt and, where there is one, the estimated offset."""
     rays = records.calibration.intrinsics.rays(records.probe_pixels) @ mount_from_camera(records.calibration).T
-    down = gravity(found.beta, found.tilt_azimuth)
-    if found.offset is None:
+    down = gravity(estimates.beta, estimates.tilt_azimuth)
+    if estimates.offset is None:
         cosine = (rays @ down[..., None])[..., 0]
         sine = np.linalg.norm(np.cross(rays, down[:, None]), axis=-1)
         return np.asarray(np.arctan2(sine, cosine))
     m, k, _ = rays.shape
     frames = Frames(np.ascontiguousarray(rays.swapaxes(1, 2)), None, np.full(m, float(k)), None, None)
     with np.errstate(invalid="ignore"):
-        x, y = swings(frames, 1 / records.probe_rope, down, found.offset).swapaxes(0, 1)
+        x, y = swings(frames, 1 / records.probe_rope, down, estimates.offset).swapaxes(0, 1)
         return np.asarray(np.arcsin(np.minimum(np.hypot(x, y), 1.0)))

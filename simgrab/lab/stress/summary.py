@@ -24,7 +24,7 @@ COUNT_FOR_COVERAGE = 1000
 
 
 @dataclass(frozen=True)
-class Figure:
+class MonteCarloFigure:
     """One number with its Monte Carlo standard errors: mean and root mean square over ``count`` replications."""
 
     count: int
@@ -43,10 +43,10 @@ class Figure:
         return {"mean": (self.mean, self.mean_se), "rms": (self.rms, self.rms_se), "z": (self.z, 0.0)}[name]
 
 
-NOTHING = Figure(0, math.nan, math.nan, math.nan, math.nan)
+NOTHING = MonteCarloFigure(0, math.nan, math.nan, math.nan, math.nan)
 
 
-def figure(values: Array) -> Figure:
+def figure(values: Array) -> MonteCarloFigure:
     """Sum up values, those left out that are not finite."""
     return _figure(np.array(_powers(values)))
 
@@ -56,7 +56,7 @@ def _powers(values: Array) -> tuple[float, float, float, float]:
     return float(len(v)), float(v.sum()), float(np.sum(v**2)), float(np.sum(v**4))
 
 
-def _figure(sums: Array) -> Figure:
+def _figure(sums: Array) -> MonteCarloFigure:
     count, s1, s2, s4 = sums.tolist()
     if not count:
         return NOTHING
@@ -65,11 +65,11 @@ def _figure(sums: Array) -> Figure:
     mean_se = math.sqrt(max(square - mean * mean, 0.0) / free)
     rms = math.sqrt(square)
     rms_se = math.sqrt(max(s4 / count - square * square, 0.0) / free) / (2 * rms) if rms > 0 else 0.0
-    return Figure(int(count), mean, mean_se, rms, rms_se)
+    return MonteCarloFigure(int(count), mean, mean_se, rms, rms_se)
 
 
 @dataclass
-class Summary:
+class StudySummary:
     """Figures of a study by point, estimator and column (``refused`` among them), of rows that are added in parts.
 
     Only counts and sums of powers 1, 2 and 4 are kept.
@@ -92,7 +92,7 @@ class Summary:
             values = [np.asarray(rows[c].to_numpy(zero_copy_only=False), float) for c in self.columns]
             self.sums[point, name] = self.sums.get((point, name), 0) + np.array([*map(_powers, (*values, refused))])
 
-    def at(self, point: Point, estimator: str, column: str) -> Figure:
+    def at(self, point: Point, estimator: str, column: str) -> MonteCarloFigure:
         """Give a figure; an empty one where the estimator was not tried."""
         sums = self.sums.get((point, estimator))
         return NOTHING if sums is None else _figure(sums[(*self.columns, "refused").index(column)])
@@ -108,7 +108,7 @@ class Summary:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class LimitVerdict:
     """One limit: where, what was found and what was accepted."""
 
     study: str
@@ -117,7 +117,7 @@ class Verdict:
     passed: bool
 
 
-def judge(summary: Summary) -> list[Verdict]:
+def judge(summary: StudySummary) -> list[LimitVerdict]:
     """Hold a study's figures against its limits."""
     study = summary.study
     result = [_accepted(summary, accept) for accept in study.accept]
@@ -127,7 +127,7 @@ def judge(summary: Summary) -> list[Verdict]:
     return result
 
 
-def _accepted(summary: Summary, accept: Accept) -> Verdict:
+def _accepted(summary: StudySummary, accept: Accept) -> LimitVerdict:
     figure = summary.at(accept.at, accept.estimator, accept.quantity)
     value, error = figure.statistic(accept.statistic)
     reach = BIAS_ERRORS * error
@@ -141,26 +141,26 @@ def _accepted(summary: Summary, accept: Accept) -> Verdict:
         text += f" ({accept.says})"
     passed = figure.count > 0 and value + reach >= low and value - reach <= high
     found = f"{value:.4f} ± {error:.4f}" if figure.count else "no value in any replication"
-    return Verdict(summary.study.name, text, found, bool(passed))
+    return LimitVerdict(summary.study.name, text, found, bool(passed))
 
 
-def _consistent(summary: Summary, name: str) -> Iterator[Verdict]:
+def _consistent(summary: StudySummary, name: str) -> Iterator[LimitVerdict]:
     study = summary.study
     for column in ("beta_error_deg", "sigma_error_deg"):
         f = summary.at(study.holds, name, column)
         text = f"{name}: no bias of {column[: column.index('_')]} where the assumption holds"
-        yield Verdict(study.name, text, f"{f.mean:+.4f} ± {f.mean_se:.4f} deg", bool(f.z <= BIAS_ERRORS))
+        yield LimitVerdict(study.name, text, f"{f.mean:+.4f} ± {f.mean_se:.4f} deg", bool(f.z <= BIAS_ERRORS))
     for column in ("cover_beta", "cover_sigma"):
         f = summary.at(study.holds, name, column)
         slack = BIAS_ERRORS * math.sqrt(0.95 * 0.05 / max(f.count, 1)) if f.count < COUNT_FOR_COVERAGE else 0.0
         text = f"{name}: 95 % interval of {column.removeprefix('cover_')} covers 93 to 97 % where the assumption holds"
         passed = COVERAGE[0] - slack <= f.mean <= COVERAGE[1] + slack
-        yield Verdict(study.name, text, f"{100 * f.mean:.1f} ± {100 * f.mean_se:.1f} %", bool(passed))
+        yield LimitVerdict(study.name, text, f"{100 * f.mean:.1f} ± {100 * f.mean_se:.1f} %", bool(passed))
 
 
 @dataclass(frozen=True)
-class Finding:
+class StudyResult:
     """A finished study: its figures, and how they stand against its limits."""
 
-    summary: Summary
-    verdicts: tuple[Verdict, ...]
+    summary: StudySummary
+    verdicts: tuple[LimitVerdict, ...]

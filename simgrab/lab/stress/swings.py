@@ -56,7 +56,7 @@ class Draws:
 
 
 @dataclass(frozen=True)
-class Motion:
+class ReplicatedMotion:
     """The truth of M replications of n frames, rad and m, jib frame.
 
     Attributes
@@ -75,7 +75,7 @@ class Motion:
     sigma: Array
 
 
-def draw(situation: Situation, draws: Draws) -> Motion:
+def draw(situation: Situation, draws: Draws) -> ReplicatedMotion:
     """Draw the truth of replications."""
     if situation.motion:
         return _physics(situation, draws)
@@ -88,17 +88,17 @@ def draw(situation: Situation, draws: Draws) -> Motion:
         x, y = x + situation.lean[0], y + situation.lean[1]
     sigma = math.hypot(situation.sigma, *situation.lean)
     azimuth = np.arctan2(y, x) + situation.azimuth
-    return Motion(np.hypot(x, y), azimuth, _rope(situation, draws, 0.0), None, np.full(len(x), sigma))
+    return ReplicatedMotion(np.hypot(x, y), azimuth, _rope(situation, draws, 0.0), None, np.full(len(x), sigma))
 
 
-def ring(draws: Draws, motion: Motion, alpha: float, azimuth: float) -> Motion:
+def ring(draws: Draws, motion: ReplicatedMotion, alpha: float, azimuth: float) -> ReplicatedMotion:
     """Swing by ``alpha`` evenly all around, from ``azimuth`` on, at ropes and attitudes that the replications have.
 
     Parameters
     ----------
     draws : Draws
         Of the same replications, with as many frames as there are to be swings.
-    motion : Motion
+    motion : ReplicatedMotion
     alpha, azimuth : float
         Radians.
     """
@@ -107,7 +107,7 @@ def ring(draws: Draws, motion: Motion, alpha: float, azimuth: float) -> Motion:
     around = np.broadcast_to(2 * np.pi * np.arange(draws.frames) / draws.frames + azimuth, shape)
     tilt = None if motion.tilt is None else np.take_along_axis(motion.tilt, some[:, None], axis=2)
     rope = np.take_along_axis(motion.rope, some, axis=1)
-    return Motion(np.full(shape, alpha), around, rope, tilt, motion.sigma)
+    return ReplicatedMotion(np.full(shape, alpha), around, rope, tilt, motion.sigma)
 
 
 def _vectors(s: Situation, draws: Draws) -> tuple[Array, Array]:
@@ -183,7 +183,7 @@ def reported_rope(situation: Situation, draws: Draws, rope: Array) -> Array:
     return np.maximum(rope + situation.rope_bias_m, 0.1) if situation.rope_bias_m else rope
 
 
-def _physics(situation: Situation, draws: Draws) -> Motion:
+def _physics(situation: Situation, draws: Draws) -> ReplicatedMotion:
     """Let the world move grab and camera: replication k is clip k of the scene."""
     from simgrab.world.trajectory.clip import ClipMotion
 
@@ -214,4 +214,4 @@ def _physics(situation: Situation, draws: Draws) -> Motion:
     )
     alpha, azimuth, rope = np.moveaxis(rows[..., :3], -1, 0)
     tilt = None if situation.mount == "fixed" else np.ascontiguousarray(rows[..., 3:].swapaxes(1, 2))
-    return Motion(alpha, azimuth, rope, tilt, np.sqrt(np.mean(alpha**2, axis=-1)))
+    return ReplicatedMotion(alpha, azimuth, rope, tilt, np.sqrt(np.mean(alpha**2, axis=-1)))

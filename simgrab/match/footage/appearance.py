@@ -8,7 +8,7 @@ import numpy as np
 
 from simgrab.instrument.detect import Detector
 from simgrab.match.footage.blur import blur
-from simgrab.match.footage.display import Display, display
+from simgrab.match.footage.display import DisplayMatch, display
 from simgrab.match.footage.footage import Footage, to_linear
 from simgrab.match.footage.grab import Grab, grab
 from simgrab.match.footage.noise import Noise, noise
@@ -47,7 +47,7 @@ class Appearance:
         Mean luminance in linear light, white being 1.
     cast : tuple of 2 Quantity
         Red over green and blue over green of the mean, linear: the colour of light and surroundings together.
-    display : Display
+    display : DisplayMatch
     grab : Grab
     still : float
         Share of the picture that stands still.
@@ -62,7 +62,7 @@ class Appearance:
     vignetting: Quantity
     level: Quantity
     cast: tuple[Quantity, Quantity]
-    display: Display
+    display: DisplayMatch
     grab: Grab
     still: float
 
@@ -97,7 +97,7 @@ class Appearance:
             ("tone curve", never[1]),
             ("share hidden by weather", never[2]),
             ("display's digits", digits),
-            ("share of frames with a grab", self.grab.found.text()),
+            ("share of frames with a grab", self.grab.share.text()),
             ("longer side of the grab", self.grab.size_px.text()),
             ("hue of its paint", self.grab.hue_deg.text()),
         ]  # fmt: skip
@@ -120,7 +120,7 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
         none, px = unknown(_BLACK), unknown(_BLACK, "px")
         return Appearance(
             footage, grey, True, Noise(none, none, None), px, Sharpness(unknown(_BLACK, "%")),
-            unknown(_BLACK, "stops"), none, (none, none), Display(None, _BLACK, 0.0),
+            unknown(_BLACK, "stops"), none, (none, none), DisplayMatch(None, _BLACK, 0.0),
             Grab(exact(0.0), px, unknown(_BLACK, "°"), None, np.zeros((0, 4))), 0.0,
         )  # fmt: skip
     standing = still(footage)

@@ -29,7 +29,7 @@ Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Display:
+class DisplayMatch:
     """Where digits stand, or why none were found.
 
     Attributes
@@ -59,11 +59,11 @@ class Display:
         return result
 
 
-def display(footage: Footage) -> Display:
+def display(footage: Footage) -> DisplayMatch:
     """Find the display's digits."""
     some = footage.few
     lines = _lines(_common([_boxes(frame, above) for above in ABOVE for frame in some]))
-    best = Display(None, "no two numbers of four digits stand in it", 0.0)
+    best = DisplayMatch(None, "no two numbers of four digits stand in it", 0.0)
     reader = Reader()
     for hoist, closing in _pairs(lines, footage.size[0])[:MOST_PAIRS]:
         for layout in _layouts(hoist, closing, lines, footage.size):
@@ -71,12 +71,12 @@ def display(footage: Footage) -> Display:
             digits = sum(character.isdigit() for character in read)
             share = digits / max(digits + read.count("?"), 1)
             if share > best.read:
-                best = Display(layout, "", share, _clock(lines, footage.size) is not None)
+                best = DisplayMatch(layout, "", share, _clock(lines, footage.size) is not None)
         if best.read >= LEAST_READ:
             break
     if best.read < LEAST_READ:
         reason = best.reason or f"what looks like digits could be read in {best.read:.0%} of its cells alone"
-        return Display(None, reason, best.read)
+        return DisplayMatch(None, reason, best.read)
     return best
 
 

@@ -30,8 +30,8 @@ class Grab:
 
     Attributes
     ----------
-    found : Quantity
-        Share of the frames that were looked at in which the detector finds it.
+    share : Quantity
+        Of the frames, in which the detector finds it.
     size_px : Quantity
         Longer side of its box.
     hue_deg : Quantity
@@ -42,7 +42,7 @@ class Grab:
         Boxes that were found, px.
     """
 
-    found: Quantity
+    share: Quantity
     size_px: Quantity
     hue_deg: Quantity
     paint_rgb: tuple[float, float, float] | None
@@ -50,7 +50,7 @@ class Grab:
 
 
 def grab(footage: Footage, detector: Detector) -> Grab:
-    """Look for the grab in a few frames."""
+    """Detect the grab in a few frames."""
     results = [(frame, detector(frame)) for frame in footage.rgb]
     pairs = [(frame, one.box) for frame, one in results if one.found and one.box is not None]
     share = exact(len(pairs) / len(results))

@@ -17,7 +17,7 @@ from scipy.optimize import nnls
 
 from simgrab.match.footage.footage import Footage, slope, to_linear
 from simgrab.match.footage.quantity import Quantity, unknown
-from simgrab.match.footage.still import BLOCK_PX, Still
+from simgrab.match.footage.still import BLOCK_PX, StillBlocks
 from simgrab.model.rng import stream
 
 Floats = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Noise:
     curve: Curve | None
 
 
-def noise(footage: Footage, still: Still | None, hidden: NDArray[np.bool_]) -> Noise:
+def noise(footage: Footage, still: StillBlocks | None, hidden: NDArray[np.bool_]) -> Noise:
     """Measure noise; ``hidden``, shape (height, width), are pixels of the display."""
     if still is None:
         return _none("there are too few frames", None)
@@ -140,7 +140,7 @@ class _Blocks:
         return _Blocks(*(getattr(self, field)[at] for field in self.__dataclass_fields__))
 
 
-def _blocks(footage: Footage, still: Still, hidden: NDArray[np.bool_]) -> _Blocks:
+def _blocks(footage: Footage, still: StillBlocks, hidden: NDArray[np.bool_]) -> _Blocks:
     rows, columns = still.blocks.shape[1:]
     h, w = rows * BLOCK_PX, columns * BLOCK_PX
 

@@ -21,7 +21,7 @@ Blocks = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class Still:
+class StillBlocks:
     """What stands still.
 
     Attributes
@@ -56,7 +56,7 @@ class Still:
         return whole
 
 
-def still(footage: Footage) -> Still | None:
+def still(footage: Footage) -> StillBlocks | None:
     """Find what stands still; None where there are too few frames."""
     rows, columns = (side // BLOCK_PX for side in footage.luma.shape[1:])
     if footage.frames < LEAST_FRAMES or not rows or not columns:
@@ -74,7 +74,7 @@ def still(footage: Footage) -> Still | None:
     usual = np.median(all_squares, axis=0)
     stands = np.abs(change) <= _SIGMAS * np.sqrt(usual) / BLOCK_PX + _SLACK
     stands &= all_squares <= _BURST * usual + _SLACK
-    return Still(stands, all_squares, np.stack(following))
+    return StillBlocks(stands, all_squares, np.stack(following))
 
 
 def _moments(values: Blocks) -> tuple[Blocks, Blocks]:

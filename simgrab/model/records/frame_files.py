@@ -48,7 +48,7 @@ class FrameFile(msgspec.Struct, frozen=True):
     image_sha256: str
 
 
-class Row(Protocol):
+class PictureRow(Protocol):
     """A row that names a picture file: a `FrameFile`, or a whole row of labels."""
 
     @property
@@ -119,7 +119,7 @@ def read_rows(path: Path, kind: type[T]) -> tuple[tuple[T, ...], pa.Schema, str]
         raise DatasetError(f"{path}: not a simgrab dataset ({type(problem).__name__}: {first_line(problem)})") from None
 
 
-def check_files(path: Path, rows: Sequence[Row]) -> None:
+def check_files(path: Path, rows: Sequence[PictureRow]) -> None:
     """Refuse rows that are out of order, and files that are missing or lie elsewhere.
 
     A file may be a link that leads out of the dataset where its content is what the labels are of: who knows a
@@ -138,7 +138,7 @@ def check_files(path: Path, rows: Sequence[Row]) -> None:
             content(path / row.file, row)
 
 
-def _check_order(path: Path, rows: Sequence[Row]) -> None:
+def _check_order(path: Path, rows: Sequence[PictureRow]) -> None:
     """Refuse rows that are not in the order of their frames and, within a clip, of their times."""
     for row in rows:
         if len({row.clip is None, row.time_s is None, rows[0].clip is None}) > 1:
@@ -155,13 +155,13 @@ def _check_order(path: Path, rows: Sequence[Row]) -> None:
             )
 
 
-def picture(file: Path, row: Row) -> NDArray[np.uint8]:
+def picture(file: Path, row: PictureRow) -> NDArray[np.uint8]:
     """Decode the picture of a row, once its SHA-256 is found to be the labels'.
 
     Parameters
     ----------
     file : Path
-    row : Row
+    row : PictureRow
 
     Returns
     -------
@@ -176,7 +176,7 @@ def picture(file: Path, row: Row) -> NDArray[np.uint8]:
     return pictures.decode(content(file, row), file)
 
 
-def content(file: Path, row: Row) -> bytes:
+def content(file: Path, row: PictureRow) -> bytes:
     """Read a row's picture file.
 
     Raises
@@ -187,7 +187,7 @@ def content(file: Path, row: Row) -> bytes:
     return sound(read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES), row, file)
 
 
-def sound(data: bytes, row: Row, where: object) -> bytes:
+def sound(data: bytes, row: PictureRow, where: object) -> bytes:
     """Refuse the bytes of a picture file that is not the labels'; ``where`` is what the error line names."""
     if hashlib.sha256(data).hexdigest() != row.image_sha256:
         raise DatasetError(f"{where} does not match the digest in its labels: it was changed or damaged")

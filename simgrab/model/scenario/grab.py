@@ -1,4 +1,4 @@
-"""The grab: its kind, shape and looks."""
+"""The grab: its kind, shape and appearance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Mass = Annotated[float, Meta(ge=50, le=200_000)]
 DragArea = Annotated[float, Meta(ge=0, le=500)]
 
 
-class Looks(Tagged, frozen=True):
+class GrabAppearance(Tagged, frozen=True):
     """What all grabs have."""
 
     paint_rgb: Annotated[Rgb, about("Colour of the paint: red, green and blue from 0 to 1.")] = (0.86, 0.52, 0.07)
@@ -28,11 +28,11 @@ class Looks(Tagged, frozen=True):
     cargo: Annotated[Cargo, about("Cargo that the grab holds and that sticks to it.")] = "coal"
 
 
-class FourRope(Looks, frozen=True, tag="four-rope"):
+class FourRope(GrabAppearance, frozen=True, tag="four-rope"):
     """A clamshell of fixed shape on four ropes: 10.5 t, 24 t full, 2.9 × 2.4 × 3.4 m closed."""
 
 
-class Shaped(Looks, frozen=True):
+class Shaped(GrabAppearance, frozen=True):
     """What all parametric grabs have.
 
     ``width``, ``length`` and ``height`` are relative to the kind's usual proportions, and are scaled together so that
@@ -100,7 +100,7 @@ def check_ropes(ropes: int, drive: str) -> None:
         raise ValueError("ropes must be 2 or 4: one cannot hold the grab and close it")
 
 
-class Assembled(Looks, frozen=True, tag="assembled"):
+class Assembled(GrabAppearance, frozen=True, tag="assembled"):
     """A grab of no real kind, put together at random, for training a detector.
 
     Every ``shape`` gives another one. ``volume_m3`` scales its size; it is not what the grab holds.
@@ -132,7 +132,7 @@ class Jaw(Strict, frozen=True):
             raise ScenarioError("axis", "must be a direction, not zero")
 
 
-class Mesh(OfFile, Looks, frozen=True, kw_only=True, tag="mesh"):
+class Mesh(OfFile, GrabAppearance, frozen=True, kw_only=True, tag="mesh"):
     """A user's own grab, closed and empty, from a file: GLB, glTF, OBJ, PLY or STL.
 
     With ``scale``, ``up`` and ``yaw_deg`` applied, all points are in metres, z up, from the file's origin. With

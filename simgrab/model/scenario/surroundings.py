@@ -1,4 +1,4 @@
-"""What there is to see: the grab's looks, the jib, the place below, sun and sky."""
+"""What there is to see: the grab's appearance, the jib, the place below, sun and sky."""
 
 from __future__ import annotations
 

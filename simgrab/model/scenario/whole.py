@@ -59,7 +59,7 @@ class Scenario(Strict, frozen=True):
     frames: Annotated[int, about("Number of frames.", ge=1, le=10_000_000)] = 64
     camera: Annotated[Camera, about("The surveillance camera at the jib head.")] = Camera()
     swing: Annotated[Iid | Dynamic, about("How the grab swings: independent draws, or physics.")] = Iid()
-    grab: Annotated[Grab, about("The grab: its kind, shape and looks.")] = FourRope()
+    grab: Annotated[Grab, about("The grab: its kind, shape and appearance.")] = FourRope()
     jib: Annotated[Jib, about("The jib head and its ropes.")] = Jib()
     place: Annotated[Place, about("What lies below the grab.")] = Quay()
     clutter: Annotated[Clutter, about("Parked grabs of other cranes.")] = Clutter()
@@ -157,7 +157,7 @@ class Scenario(Strict, frozen=True):
         return self.display.layout_in(self.camera.width_px, self.camera.height_px)
 
     @property
-    def models(self) -> tuple[models.Model, ...]:
+    def models(self) -> tuple[models.ModelFile, ...]:
         """Models of users' own grabs, and users' photographs and fonts, that are known in this process."""
         named = dict.fromkeys(_models([self.grab, self.place, self.display.font, *self.vary.values()]))
         return tuple(model for name, sha256 in named if (model := models.find(sha256, name)))
@@ -189,7 +189,7 @@ class Scenario(Strict, frozen=True):
 
 def _unpickled(fields: tuple[Any, ...], known: Iterable[tuple[str, dict[str, bytes]]]) -> Scenario:
     for name, files in known:
-        models.remember(models.Model(name, models.Files(files)))
+        models.remember(models.ModelFile(name, models.ModelFiles(files)))
     return Scenario(*fields)
 
 

@@ -20,7 +20,7 @@ FORMATS = ("simgrab", "yolo", "coco", "voc", "hf")
 _SECONDS_TO_END = 10.0
 
 
-class State(msgspec.Struct, frozen=True):
+class ExportState(msgspec.Struct, frozen=True):
     """How far an export is.
 
     Attributes
@@ -55,10 +55,10 @@ class Exports:
     """
 
     def __init__(self, subject: Subject) -> None:
-        self._subject, self.state = subject, State()
+        self._subject, self.state = subject, ExportState()
         self._lock, self._ends, self._thread = threading.Lock(), threading.Event(), threading.Thread()
 
-    def start(self, rows: NDArray[np.int64], out: str, format: str) -> State:
+    def start(self, rows: NDArray[np.int64], out: str, format: str) -> ExportState:
         """Begin an export.
 
         Parameters
@@ -84,7 +84,7 @@ class Exports:
             if not len(rows):
                 raise DatasetError("no frame is selected")
             path = self._checked(out)
-            self.state = State("running", 0, len(rows), printable(path))
+            self.state = ExportState("running", 0, len(rows), printable(path))
             self._thread = threading.Thread(target=self._export, args=(rows, path, format), daemon=True)
             self._thread.start()
             return self.state
@@ -114,7 +114,7 @@ class Exports:
         def progress(done: int, total: int) -> None:
             if self._ends.is_set():
                 raise _Ended
-            self.state = State("running", done, total, printable(path))
+            self.state = ExportState("running", done, total, printable(path))
 
         try:
             export(part(self._subject, rows), path, format=format, progress=progress, part=True)
@@ -122,10 +122,10 @@ class Exports:
             return
         except Exception as problem:
             known = str(problem) if isinstance(problem, SimgrabError) else memory_problem(problem)
-            self.state = State(
+            self.state = ExportState(
                 "failed", 0, 0, printable(path), printable(known or f"{type(problem).__name__}: {problem}")
             )
             if known is None:
                 raise
         else:
-            self.state = State("done", len(rows), len(rows), printable(path))
+            self.state = ExportState("done", len(rows), len(rows), printable(path))

@@ -22,7 +22,7 @@ _AT_ONCE = max(1, min(4, os.cpu_count() or 1))  # pictures that are decoded at t
 Key = TypeVar("Key", bound=Hashable)
 
 
-class Kept(Generic[Key]):
+class LruCache(Generic[Key]):
     """Bytes by key, those used last, of a limited size together.
 
     Parameters
@@ -68,7 +68,7 @@ class Tiles:
     """
 
     def __init__(self, content: Callable[[int], bytes]) -> None:
-        self._content, self._kept = content, Kept[int]()
+        self._content, self._kept = content, LruCache[int]()
         self._turn = threading.BoundedSemaphore(_AT_ONCE)
 
     def tile(self, row: int) -> bytes:

@@ -16,7 +16,7 @@ from simgrab.dataset.tables import labels_schema
 from simgrab.errors import DatasetError, PictureError, RunError, first_line
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Run
-from simgrab.instrument.source import Files, open_source
+from simgrab.instrument.source import PictureFiles, open_source
 from simgrab.instrument.video import Video
 from simgrab.io import files, parquet, pictures
 from simgrab.io.parse import is_dir, is_file, read_bytes
@@ -201,7 +201,7 @@ def _contents(run: Run, path: Path, source: Path | None, known: _Known | None) -
         opened = open_source(source)
         if isinstance(opened, Video) and run.time is not None:
             return VideoPictures(source, run.time.tolist()).content
-        if isinstance(opened, Files):
+        if isinstance(opened, PictureFiles):
             return _in_folder(opened, run.names)
         raise RunError(f"{source}: not the source of the run on {run.source}")
     if is_file(path / ANNOTATED, DatasetError):
@@ -216,7 +216,7 @@ def _contents(run: Run, path: Path, source: Path | None, known: _Known | None) -
     return refuse
 
 
-def _in_folder(source: Files, names: tuple[str, ...]) -> Callable[[int], bytes]:
+def _in_folder(source: PictureFiles, names: tuple[str, ...]) -> Callable[[int], bytes]:
     """Read pictures of a folder by the names that the run has for them, as they were measured."""
     known = {str(path.relative_to(source.root)): path for path in source.files}
 

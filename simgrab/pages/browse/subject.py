@@ -21,7 +21,7 @@ from simgrab.pages.browse import columns
 from simgrab.pages.browse.columns import Column
 
 
-class Measured(msgspec.Struct, frozen=True):
+class MeasuredBox(msgspec.Struct, frozen=True):
     """What an instrument measured in a picture, px: box x0, y0, x1, y1 and centre u, v; None where it gave none."""
 
     box: tuple[float, ...] | None
@@ -97,14 +97,14 @@ class Subject:
         plain: dict[str, Any] = self.table.slice(row, 1).to_pylist()[0]
         return plain
 
-    def measured(self, row: int) -> Measured | None:
+    def measured(self, row: int) -> MeasuredBox | None:
         """Give what an instrument measured in a row's picture; None where none did."""
         if self.kind != "run":
             return None
         plain = self.values(row)
         parts = [[plain[name] for name in names] for names in (_BOX, _CENTRE)]
         box, centre = (None if None in part else tuple(part) for part in parts)
-        return Measured(box, centre)
+        return MeasuredBox(box, centre)
 
 
 _BOX, _CENTRE = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), ("u_px", "v_px")

@@ -12,7 +12,7 @@ import cv2
 from simgrab.errors import PictureError
 from simgrab.instrument.video import Video
 from simgrab.io import pictures
-from simgrab.pages.browse.pictures import Kept
+from simgrab.pages.browse.pictures import LruCache
 
 _SAME_S = 5e-3  # of time stamps, which a container may round
 _QUALITY = 88
@@ -38,7 +38,7 @@ class VideoPictures:
         # A video without time stamps has the rate by which it was measured.
         self._video, self._times = Video(path, (len(times_s) - 1) / lasting if lasting > 0 else None), times_s
         self._row_at = {round(time / _SAME_S): row for row, time in enumerate(times_s)}
-        self._kept, self._turn = Kept[int](), threading.Lock()
+        self._kept, self._turn = LruCache[int](), threading.Lock()
 
     def content(self, row: int) -> bytes:
         """Decode a row's picture, as JPEG.

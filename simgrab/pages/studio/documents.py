@@ -19,7 +19,7 @@ import tomli_w
 from simgrab.errors import ScenarioError, SimgrabError
 from simgrab.io import files, models, resources
 from simgrab.io.destination import check_file, writing
-from simgrab.io.models import Model
+from simgrab.io.models import ModelFile
 from simgrab.io.parse import Refuse, is_file, read_toml
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
@@ -104,7 +104,7 @@ class Documents:
             raise ScenarioError("", "a scene is a table of keys and values")
         return scenes.of_data(data, self._model)
 
-    def _model(self, table: Mapping[str, Any], refuse: Refuse) -> Model:
+    def _model(self, table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
         """Read the model that a table names, if it may name it."""
         name, sha256 = str(table["file"]), str(table.get("sha256"))
         if (sha256, name) in self._models:

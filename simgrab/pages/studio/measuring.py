@@ -19,7 +19,7 @@ from simgrab.errors import ScenarioError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import SHIPPED
 from simgrab.instrument.observation import Observation, one
-from simgrab.instrument.pipeline import Pipeline, Record, assemble
+from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, assemble
 from simgrab.io import pictures
 from simgrab.model.calibration import Calibration
 from simgrab.model.scenario import Iid, Scenario
@@ -30,7 +30,7 @@ DETECTORS = tuple(sorted(SHIPPED, reverse=True))
 _KEPT = 2  # records: those of both sides
 
 
-class Pictures(Protocol):
+class PictureSource(Protocol):
     """Gives the file of a scene's frame, at full size."""
 
     def __call__(self, frame: int) -> Future[bytes]:
@@ -53,7 +53,7 @@ class Measuring:
         self._records: list[_Record] = []
         self._turn = threading.Lock()
 
-    def measure(self, scenario: Scenario, frame: int, detector: str, rendered: Pictures) -> dict[str, Any]:
+    def measure(self, scenario: Scenario, frame: int, detector: str, rendered: PictureSource) -> dict[str, Any]:
         """Measure a frame; where that was done already, measure one more of its record.
 
         Parameters
@@ -62,7 +62,7 @@ class Measuring:
         frame : int
         detector : str
             One of `DETECTORS`.
-        rendered : Pictures
+        rendered : PictureSource
 
         Returns
         -------
@@ -122,7 +122,7 @@ def record_of(scenario: Scenario, frame: int) -> range:
     return span[:: max(math.ceil(len(span) / MOST_FRAMES), 1)]
 
 
-def _described(record: Record, index: int) -> dict[str, Any]:
+def _described(record: MeasuredRecord, index: int) -> dict[str, Any]:
     measured, tilt = record.measurements[index], record.tilt
     plain: dict[str, Any] = msgspec.to_builtins(measured)
     angles = {

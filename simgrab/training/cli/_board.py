@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 from simgrab.cli import _progress
 
 if TYPE_CHECKING:
-    from simgrab.training.loop import Report
+    from simgrab.training.loop import TrainingReport
 
 
-class Board(_progress.Board):
+class TrainingBoard(_progress.Board):
     """A bar for each step of the work, and of a training a line for each epoch."""
 
-    def training(self, name: str) -> Callable[[Report], None]:
+    def training(self, name: str) -> Callable[[TrainingReport], None]:
         """Begin a training; gives what takes its reports."""
         task = self.bars.add_task(f"training {name}", total=None, rate="")
 
-        def report(now: Report) -> None:
+        def report(now: TrainingReport) -> None:
             done, total = (now.epoch - 1) * now.steps + now.step, now.epochs * now.steps
             self.bars.update(task, completed=done, total=total, rate=f"{now.examples_per_s:.0f} a second")
             if now.figures:
@@ -30,7 +30,7 @@ class Board(_progress.Board):
 
 
 @contextmanager
-def board(*, shown: bool) -> Iterator[Board]:
+def board(*, shown: bool) -> Iterator[TrainingBoard]:
     """Show the progress of trainings."""
     with _progress.board(shown=shown) as shows:
-        yield Board(shows.bars)
+        yield TrainingBoard(shows.bars)

@@ -39,7 +39,7 @@ _of_detectors = together(
 )
 
 
-def _tell(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
+def _print_metrics(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:
     if as_json:
         click.echo(json.dumps(metrics))
     elif not quiet:
@@ -136,7 +136,7 @@ def detector(
     check(out, resume=resume, traces=CURVE if counts else TRACES)
     need_torch()
     from simgrab.dataset.datasets import read
-    from simgrab.instrument.detect import Bundled, located
+    from simgrab.instrument.detect import GrabDetector, located
     from simgrab.judge.evaluate.boxed import score
     from simgrab.training.detector import curve
     from simgrab.training.detector import real as real_frames
@@ -154,7 +154,7 @@ def detector(
     if grab or scene:  # frames take minutes: what can be refused is refused before
         named(device)
         if begin is not None:
-            Bundled(begin)
+            GrabDetector(begin)
         for dataset in (*datasets, *hard):
             read(dataset)
         datasets = (*datasets, _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=shows))
@@ -175,14 +175,14 @@ def detector(
                 report=shown.training,
             )  # fmt: skip
     if counts:
-        _tell_curve(points, out, as_json=as_json, quiet=quiet)
+        _print_curve(points, out, as_json=as_json, quiet=quiet)
         return
-    _tell(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
+    _print_metrics(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
     if not quiet and not result.metrics["recall"]:
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
 
 
-def _tell_curve(points: Sequence[Mapping[str, Any]], out: Path, *, as_json: bool, quiet: bool) -> None:
+def _print_curve(points: Sequence[Mapping[str, Any]], out: Path, *, as_json: bool, quiet: bool) -> None:
     from simgrab.reports.terminal import stdout, table
     from simgrab.training.detector.curve import MARKDOWN, tables
 
@@ -259,7 +259,7 @@ def verify(
         metrics = train_verify(
             datasets, located(start), out, chosen, resume=resume, watch=shown.step, report=shown.training("verify")
         )
-    _tell(metrics, out / "verify.md", as_json=as_json, quiet=quiet)
+    _print_metrics(metrics, out / "verify.md", as_json=as_json, quiet=quiet)
 
 
 @command.command()
@@ -293,4 +293,4 @@ def reader(
     )  # fmt: skip
     with resumable(out), board(shown=not (quiet or as_json)) as shown:
         card = train_reader(datasets, out, recipe, resume=resume, report=shown.training("reader"))
-    _tell(card.metrics, out / "reader.md", as_json=as_json, quiet=quiet)
+    _print_metrics(card.metrics, out / "reader.md", as_json=as_json, quiet=quiet)

@@ -1,1 +1,1 @@
-"""The bundled detector: nets that find the grab in the whole picture, refine where it is, and settle that it is it."""
+"""The nets of the detector: they find the grab in the whole picture, refine its box, and predict pose and presence."""

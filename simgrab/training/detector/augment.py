@@ -14,7 +14,7 @@ _NOISE = 1 << 20  # bytes of noise made once; each picture takes a stretch of it
 
 
 @dataclass(frozen=True)
-class Turn:
+class Orientation:
     """One of the eight ways to lay a picture: mirrored left to right or not, then turned clockwise by quarters."""
 
     mirror: bool
@@ -43,10 +43,10 @@ class Turn:
         return (np.pi - angle if self.mirror else angle) + self.quarters * np.pi / 2
 
 
-def turn(rng: np.random.Generator, *, quarters: bool) -> Turn:
+def turn(rng: np.random.Generator, *, quarters: bool) -> Orientation:
     """Draw a turn; without quarters, upright and upside down only."""
     steps = int(rng.integers(4)) if quarters else 2 * int(rng.integers(2))
-    return Turn(bool(rng.integers(2)), steps)
+    return Orientation(bool(rng.integers(2)), steps)
 
 
 class Dirt:

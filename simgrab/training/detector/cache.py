@@ -28,7 +28,7 @@ _WORKERS = 2  # decoding lets go of Python's lock
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class TrainingFrame:
     """One frame to learn from: row, picture's file, whether detection labels hold a box for it, and its weather.
 
     A frame of which labels hold no box although a little of the grab shows is neither a grab nor none: `frames` leaves
@@ -50,10 +50,10 @@ class Frame:
         return picture(self.file, self.row)
 
 
-def frames(datasets: Sequence[Dataset], split: str) -> tuple[Frame, ...]:
+def frames(datasets: Sequence[Dataset], split: str) -> tuple[TrainingFrame, ...]:
     """Frames of a split, but for those in which so little of the grab shows that labels hold no box."""
     return tuple(
-        Frame(row, dataset.image(row), dataset.is_labelled(row), dataset.weather(row))
+        TrainingFrame(row, dataset.image(row), dataset.is_labelled(row), dataset.weather(row))
         for dataset in datasets
         for row in dataset.rows
         if row.split == split and (dataset.is_labelled(row) or row.box_x0_px is None)
@@ -61,7 +61,7 @@ def frames(datasets: Sequence[Dataset], split: str) -> tuple[Frame, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class BoxedFrame(Frame):
+class BoxedFrame(TrainingFrame):
     """A frame of which boxes alone are known."""
 
     row: Boxed
@@ -74,7 +74,7 @@ def boxed(dataset: BoxedDataset) -> tuple[BoxedFrame, ...]:
 
 def build(
     folder: Path,
-    chosen: Sequence[Frame],
+    chosen: Sequence[TrainingFrame],
     shape: tuple[int, ...],
     make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
     progress: Progress | None = None,
@@ -85,7 +85,7 @@ def build(
     ----------
     folder : Path
         Of the files; it exists once they are whole.
-    chosen : sequence of Frame
+    chosen : sequence of TrainingFrame
     shape : tuple of int
         Of what ``make`` gives for a frame.
     make : callable
@@ -119,7 +119,7 @@ def is_built(folder: Path) -> bool:
 
 def _make(
     folder: Path,
-    chosen: Sequence[Frame],
+    chosen: Sequence[TrainingFrame],
     shape: tuple[int, ...],
     make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
     progress: Progress | None,

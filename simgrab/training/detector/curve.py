@@ -19,7 +19,7 @@ from simgrab.io.parse import is_file, read_json
 from simgrab.training import loop
 from simgrab.training.detector.real import Real, by_video, digest
 from simgrab.training.detector.settings import Recipes
-from simgrab.training.detector.train import Frames, Watch, start_digests, train
+from simgrab.training.detector.train import FrameSplits, Watch, start_digests, train
 from simgrab.training.folder import CURVE, check, claim, write
 
 JSON, MARKDOWN = "learning-curve.json", "learning-curve.md"
@@ -38,7 +38,7 @@ def learning_curve(
     start: str | Path | None = None,
     resume: bool = False,
     watch: Watch | None = None,
-    report: Callable[[str], Callable[[loop.Report], None]] | None = None,
+    report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None,
 ) -> list[dict[str, Any]]:
     """Train with some numbers of real frames, each time from the same weights, and judge by the same real videos.
 
@@ -68,7 +68,7 @@ def learning_curve(
     check(out, resume=resume, traces=CURVE)
     parts = {count: real.some(count, seed) for count in counts}
     sets = datasets.read_all(paths, "train", "val")
-    rendered = len(Frames.of(sets).train)
+    rendered = len(FrameSplits.of(sets).train)
     common = [__version__, datasets.digest(sets), datasets.digest(datasets.read_all(hard, "train")) if hard else ""]
     common += [*start_digests(start).values(), digest(real.held_out)]
     points = []

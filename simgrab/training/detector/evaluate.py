@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import expit, logit
 
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import Bundled, Trust, lean
+from simgrab.instrument.detect.bundled import GrabDetector, Trust, lean
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
@@ -29,10 +29,10 @@ _FEWEST_EMPTY = 50  # frames without a grab from which on a threshold below the 
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class DetectedFrame:
     """A frame and what was detected in it."""
 
-    frame: cache.Frame
+    frame: cache.TrainingFrame
     detection: Detection
 
     @property
@@ -58,27 +58,27 @@ class Seen:
 
 
 def watch(
-    detector: Callable[[Any], Detection], frames: Sequence[cache.Frame], progress: cache.Progress | None = None
-) -> list[Seen]:
+    detector: Callable[[Any], Detection], frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
+) -> list[DetectedFrame]:
     """Run a detector on frames."""
-    seen = []
+    detected = []
     for frame in frames:
-        seen.append(Seen(frame, detector(frame.picture())))
+        detected.append(DetectedFrame(frame, detector(frame.picture())))
         if progress:
-            progress(len(seen), len(frames))
-    return seen
+            progress(len(detected), len(frames))
+    return detected
 
 
 def calibrated(
-    looks: Bundled, seen: Sequence[Seen], real: Sequence[Seen] = (), before: float = 0.0
+    detector: GrabDetector, detected: Sequence[DetectedFrame], real: Sequence[DetectedFrame] = (), before: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Fit the presence threshold and the factors of `Trust` to what a detector without either has seen.
+    """Fit the presence threshold and the factors of `Trust` to what a detector without either outputs.
 
     Parameters
     ----------
-    looks : Bundled
+    detector : GrabDetector
         Whose other settings are kept.
-    seen, real : sequence of Seen
+    detected, real : sequence of DetectedFrame
         Of rendered frames, and of real ones.
     before : float
         Presence threshold of the detector that this one began with. It becomes no lower unless enough of the frames
@@ -91,16 +91,16 @@ def calibrated(
     figures : dict
         `metrics` of the rendered frames then.
     """
-    presence = round(least_presence([*seen, *real]), 4)
-    if sum(not one.frame.labelled for one in [*seen, *real]) < _FEWEST_EMPTY:
+    presence = round(least_presence([*detected, *real]), 4)
+    if sum(not one.frame.labelled for one in [*detected, *real]) < _FEWEST_EMPTY:
         presence = max(presence, before)
-    seen, real = by(presence, seen), by(presence, real)
-    settings = msgspec.structs.asdict(msgspec.structs.replace(looks.settings, least_presence=presence))
-    factors = trust([*seen, *real])
-    return {"settings": settings, "trust": as_dict(factors)}, metrics(drawn_in(seen, factors.outward))
+    detected, real = by(presence, detected), by(presence, real)
+    settings = msgspec.structs.asdict(msgspec.structs.replace(detector.settings, least_presence=presence))
+    factors = trust([*detected, *real])
+    return {"settings": settings, "trust": as_dict(factors)}, metrics(drawn_in(detected, factors.outward))
 
 
-def least_presence(seen: Sequence[Seen]) -> float:
+def least_presence(detected: Sequence[DetectedFrame]) -> float:
     """Choose the least presence at which a candidate is taken for the grab.
 
     A false box counts as three missed grabs. Of the thresholds with the fewest weighted errors, this is the point nine
@@ -109,10 +109,10 @@ def least_presence(seen: Sequence[Seen]) -> float:
 
     Parameters
     ----------
-    seen : sequence of Seen
+    detected : sequence of DetectedFrame
         By a detector that takes every presence for enough; hits and empty frames count.
     """
-    positive = [one for one in seen if one.detection.found and (one.hit or not one.frame.labelled)]
+    positive = [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
     if not positive:
         return 0.5
     logits = logit(np.clip([one.detection.score for one in positive], *_SURE))
@@ -124,27 +124,27 @@ def least_presence(seen: Sequence[Seen]) -> float:
     return float(np.clip(expit(places[widths.argmax()]), *_BOUNDS))
 
 
-def by(presence: float, seen: Sequence[Seen]) -> list[Seen]:
+def by(presence: float, detected: Sequence[DetectedFrame]) -> list[DetectedFrame]:
     """Apply a presence threshold to detections."""
     nothing = "it looks like something else"
     return [
         one if not one.detection.found or one.detection.score >= presence
-        else Seen(one.frame, Detection("none", nothing, one.detection.score))
-        for one in seen
+        else DetectedFrame(one.frame, Detection("none", nothing, one.detection.score))
+        for one in detected
     ]  # fmt: skip
 
 
-def trust(seen: Sequence[Seen]) -> Trust:
+def trust(detected: Sequence[DetectedFrame]) -> Trust:
     """Measure the centre errors, and the factors by which ±1.96 deviations then cover 95 % of them."""
-    far = outward(seen)
-    ratios = errors_over_sd(drawn_in(seen, far))
+    far = outward(detected)
+    ratios = errors_over_sd(drawn_in(detected, far))
     return Trust(outward=far, **{name: _factor(some) for name, some in ratios.items()})
 
 
-def outward(seen: Sequence[Seen]) -> float:
+def outward(detected: Sequence[DetectedFrame]) -> float:
     """Fit `Trust.outward` to the centres of hits, the surest counting most; 0 where there are few."""
     parts = []
-    for one in seen:
+    for one in detected:
         centre, sd = one.detection.centre, one.detection.centre_sd_px
         if one.hit and centre is not None and sd is not None:
             error, way = centre - labels.centre(one.frame.row), one.lean
@@ -153,19 +153,19 @@ def outward(seen: Sequence[Seen]) -> float:
     return float(sums[:, 0].sum() / sums[:, 1].sum()) if len(sums) >= _FEWEST else 0.0
 
 
-def drawn_in(seen: Sequence[Seen], far: float) -> list[Seen]:
+def drawn_in(detected: Sequence[DetectedFrame], far: float) -> list[DetectedFrame]:
     """Return the detections with centres moved inwards by `Trust.outward`."""
     return [
         one if one.detection.centre is None
         else replace(one, detection=replace(one.detection, centre=one.detection.centre - far * one.lean))
-        for one in seen
+        for one in detected
     ]  # fmt: skip
 
 
-def errors_over_sd(seen: Sequence[Seen]) -> dict[str, Array]:
+def errors_over_sd(detected: Sequence[DetectedFrame]) -> dict[str, Array]:
     """Errors of found grabs over their stated deviations: of box edges, centre coordinates and yaw."""
     ratios: dict[str, list[Array]] = {"box": [], "centre": [], "yaw": []}
-    for one in seen:
+    for one in detected:
         found, row = one.detection, one.frame.row
         if not one.hit or found.box_sd_px is None or found.centre_sd_px is None or found.centre is None:
             continue
@@ -183,17 +183,17 @@ def _factor(ratios: Array) -> float:
     return float(np.quantile(finite, LEVEL) / _NORMAL)
 
 
-def metrics(seen: Sequence[Seen]) -> dict[str, Any]:
+def metrics(detected: Sequence[DetectedFrame]) -> dict[str, Any]:
     """Figures of a model card: overall, and by weather."""
-    weathers = sorted({one.frame.weather for one in seen})
-    return _figures(seen) | {
-        "by_weather": {name: _figures([s for s in seen if s.frame.weather == name]) for name in weathers}
+    weathers = sorted({one.frame.weather for one in detected})
+    return _figures(detected) | {
+        "by_weather": {name: _figures([s for s in detected if s.frame.weather == name]) for name in weathers}
     }
 
 
-def _figures(seen: Sequence[Seen]) -> dict[str, Any]:
-    there = [one for one in seen if one.frame.labelled]
-    empty = [one for one in seen if not one.frame.labelled]
+def _figures(detected: Sequence[DetectedFrame]) -> dict[str, Any]:
+    there = [one for one in detected if one.frame.labelled]
+    empty = [one for one in detected if not one.frame.labelled]
     hits = [one for one in there if one.hit]
     miss = [
         float(np.linalg.norm(one.detection.centre - labels.centre(one.frame.row)))
@@ -202,7 +202,7 @@ def _figures(seen: Sequence[Seen]) -> dict[str, Any]:
     ]
     finite = np.array(miss)[np.isfinite(miss)]
     return {
-        "frames": len(seen),
+        "frames": len(detected),
         "recall": len(hits) / len(there) if there else None,
         "mean_iou": float(np.mean([one.overlap for one in there])) if there else None,
         "centre_median_px": float(np.median(finite)) if len(finite) else None,

@@ -28,14 +28,16 @@ _NEAR = 0.3  # target heat above which a cell predicts the edges
 
 
 @dataclass(frozen=True, eq=False)
-class Pictures:
+class SmallPictures:
     """Small pictures (n, 288, 512, 3), and their boxes (n, 4) in their own pixels, NaN where there is no grab."""
 
     pictures: NDArray[np.uint8]
     boxes: Array
 
 
-def pictures(folder: Path, chosen: Sequence[cache.Frame], progress: cache.Progress | None = None) -> Pictures:
+def pictures(
+    folder: Path, chosen: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
+) -> SmallPictures:
     """Shrink the pictures of frames, or find them shrunk in ``folder``."""
 
     def make(_: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
@@ -48,13 +50,13 @@ def pictures(folder: Path, chosen: Sequence[cache.Frame], progress: cache.Progre
         corners = labels.box(frame.row)
         if frame.labelled and corners is not None:
             boxes[i] = (patches[i][0].to_shares(corners.reshape(2, 2)) * _SIZE).ravel()
-    return Pictures(small, boxes)
+    return SmallPictures(small, boxes)
 
 
-class Finding:
+class CoarseTask:
     """Find's task (`simgrab.training.loop.Task`)."""
 
-    def __init__(self, train: Pictures, validation: Pictures) -> None:
+    def __init__(self, train: SmallPictures, validation: SmallPictures) -> None:
         self.train, self.validation, self._dirt = train, validation, Dirt()
 
     @property

@@ -18,7 +18,7 @@ def scene_of(grab: Mesh, *, frames: int = FRAMES, seed: int = 0) -> Scenario:
     Parameters
     ----------
     grab : Mesh
-        Its looks vary as in `training` where they are the default ones.
+        Its appearance varies as in `training` where they are the default ones.
     frames : int
     seed : int
     """

@@ -13,7 +13,7 @@ import numpy as np
 
 from simgrab.dataset import boxed
 from simgrab.errors import DatasetError, TrainingError
-from simgrab.instrument.detect.bundled import Bundled
+from simgrab.instrument.detect.bundled import GrabDetector
 from simgrab.model.records.observations import Detection
 from simgrab.model.rng import stream
 from simgrab.model.truth import Boxed
@@ -50,7 +50,7 @@ class Real:
     score: Score
     summary: tuple[str, ...] = ()
 
-    def repeated(self, rendered: int) -> list[cache.Frame]:
+    def repeated(self, rendered: int) -> list[cache.TrainingFrame]:
         """Give frames to learn from, each as often as makes them `SHARE` of all, beside so many rendered ones."""
         return [*self.train] * self._times(rendered)
 
@@ -77,7 +77,7 @@ class Real:
         return {"real": found} | result
 
     def _judged(self, folder: Path, name: str, watch: Steps | None) -> dict[str, Any]:
-        seen = evaluate.watch(Bundled(folder), self.held_out, watch(name) if watch else None)
+        seen = evaluate.watch(GrabDetector(folder), self.held_out, watch(name) if watch else None)
         return self.score([frame.row for frame in self.held_out], [one.detection for one in seen])
 
     def some(self, count: int, seed: int) -> Real:

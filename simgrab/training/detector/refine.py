@@ -68,7 +68,7 @@ class Crops:
 
     crops: NDArray[np.uint8]
     patches: list[list[Patch]]
-    frames: Sequence[cache.Frame]
+    frames: Sequence[cache.TrainingFrame]
 
     def part(self, i: int, slot: int, window: Patch, size: int) -> tuple[Picture, Picture]:
         """Cut a window, in a cached crop's own pixels, to a size; also how much of each pixel lies in the picture."""
@@ -80,7 +80,7 @@ class Crops:
 
 def crops(
     folder: Path,
-    chosen: Sequence[cache.Frame],
+    chosen: Sequence[cache.TrainingFrame],
     suspects: Sequence[Sequence[Array]],
     *,
     seed: int,
@@ -132,7 +132,7 @@ def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.ran
     return around([w, h, w + 2 * half, h + 2 * half], ROOM)  # beyond a corner of a picture that the grab fills
 
 
-class Refining:
+class BoxTask:
     """Refine's task (`simgrab.training.loop.Task`)."""
 
     def __init__(self, train: Crops, validation: Crops) -> None:

@@ -1,11 +1,11 @@
-"""Recipes of the bundled detector."""
+"""Recipes of the detector."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from simgrab.training.recipe import Recipe
+from simgrab.training.recipe import TrainingRecipe
 
 
 @dataclass(frozen=True)
@@ -14,12 +14,12 @@ class Recipes:
 
     Attributes
     ----------
-    find, refine, settle : Recipe
+    find, refine, settle : TrainingRecipe
     """
 
-    find: Recipe
-    refine: Recipe
-    settle: Recipe
+    find: TrainingRecipe
+    refine: TrainingRecipe
+    settle: TrainingRecipe
 
 
 # Frames shown in all, however many there are to learn from; of settle with about 1.6 crops each. In a hurry 14.5
@@ -60,9 +60,9 @@ def recipes(
     of_start = (SHOWN_AFTER, SHOWN_AFTER_QUICK) if started else (SHOWN, SHOWN_QUICK)
     shown = of_start[quick] | dict(shown or {})
     whether = has_half_units(str(changes.get("device", "cpu"))) if half is None else half
-    common = replace(Recipe(half=whether), **changes)  # type: ignore[arg-type]
+    common = replace(TrainingRecipe(half=whether), **changes)  # type: ignore[arg-type]
 
-    def one(name: str, rate: float, usual: int) -> Recipe:
+    def one(name: str, rate: float, usual: int) -> TrainingRecipe:
         wanted = max(round(shown[name] / max(frames, 1)), 1) if epochs is None else epochs
         rate *= RATE_AFTER if started else 1.0
         return replace(common, epochs=wanted, rate=rate, batch=min(usual if batch is None else batch, max(frames, 1)))

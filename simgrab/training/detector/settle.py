@@ -40,7 +40,7 @@ _AS_SAID = 0.5  # share of grabs that are levelled by refine's yaw, not the true
 _WITHIN = 0.3  # shares of a level crop by which the grab's centre may lie off its middle
 _OFF = 0.1  # centres so far aside in the mean, in the box's longer side, are as bad as wrong answers alone
 _OTHERS = 0.8  # examples of something else, for each of the grab: those most like it
-_LOOK = 512  # batch of refine, crops
+_BATCH = 512  # batch of refine, crops
 
 
 def learner(refined: nn.Module) -> nn.Module:
@@ -56,7 +56,7 @@ class _Example(refine.Example):
     said: Level
 
 
-class Settling(CropTask[_Example]):
+class PoseTask(CropTask[_Example]):
     """Settle's task (`simgrab.training.loop.Task`).
 
     Parameters
@@ -93,25 +93,25 @@ class Settling(CropTask[_Example]):
 
 def _chosen(sets: Sequence[Crops], refined: nn.Module) -> list[_Example]:
     """All crops of the grab, and of the others those that refine takes for it soonest."""
-    seen = [example for crops in sets for example in _looked_at(crops, refined)]
+    seen = [example for crops in sets for example in _examples(crops, refined)]
     grabs = [example for example in seen if example.there]
     others = sorted((example for example in seen if not example.there), key=lambda example: -example.presence)
     return grabs + others[: max(round(_OTHERS * len(grabs)), 1)]
 
 
-def _looked_at(crops: Crops, refined: nn.Module) -> list[_Example]:
+def _examples(crops: Crops, refined: nn.Module) -> list[_Example]:
     """Run refine on the crops of each frame as in use, around a box much like find's.
 
     Where it comes upon the grab from beside it, that is no example of something else.
     """
     result: list[_Example] = []
     places = [(i, slot) for i in range(len(crops.frames)) for slot in (0, 1)]
-    for start in range(0, len(places), _LOOK):
-        some = [(i, slot, _window(crops, i, slot)) for i, slot in places[start : start + _LOOK]]
-        looks = [turned(_whole(crops, i, slot), crops.patches[i][slot], _upright(window), REFINE_SIZE)
+    for start in range(0, len(places), _BATCH):
+        some = [(i, slot, _window(crops, i, slot)) for i, slot in places[start : start + _BATCH]]
+        level_crops = [turned(_whole(crops, i, slot), crops.patches[i][slot], _upright(window), REFINE_SIZE)
                  for i, slot, window in some]  # fmt: skip
         with torch.inference_mode():
-            outputs = answers(refined, {"crops": torch.from_numpy(np.stack(looks))}).numpy()
+            outputs = answers(refined, {"crops": torch.from_numpy(np.stack(level_crops))}).numpy()
         for (i, slot, window), out in zip(some, outputs, strict=True):
             frame = crops.frames[i]
             there = frame.labelled and slot == 0

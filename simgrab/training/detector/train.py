@@ -1,4 +1,4 @@
-"""Train the bundled detector, from datasets to ONNX files with their cards."""
+"""Train the detector, from datasets to ONNX files with their cards."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import torch
 
 from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
-from simgrab.instrument.detect.bundled import FIND, PASSES, REFINE, SETTLE, Bundled, Settings, peaks
+from simgrab.instrument.detect.bundled import FIND, PASSES, REFINE, SETTLE, GrabDetector, Settings, peaks
 from simgrab.instrument.detect.flips import WAYS
 from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE, whole
 from simgrab.instrument.net import MOST_BYTES, open_net
@@ -35,7 +35,7 @@ from simgrab.training.device import named
 from simgrab.training.folder import check, claim
 
 _SUSPECT = 0.05  # heat from which on a place that is no grab makes a hard example
-_LOOK = 32  # batch of find, pictures
+_BATCH = 32  # batch of find, pictures
 
 NETS = ("find", "refine", "settle")
 Watch = Callable[[str], Callable[[int, int], None]]
@@ -66,7 +66,7 @@ def train(
     start: str | Path | None = None,
     resume: bool = False,
     watch: Watch | None = None,
-    report: Callable[[str], Callable[[loop.Report], None]] | None = None,
+    report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None,
     loaders: int = 0,
 ) -> Result:
     """Train find, refine on what find takes for the grab, and settle on what refine makes of it; measure all together.
@@ -106,10 +106,10 @@ def train(
     check(out, resume=resume)
     first = start_digests(start)
     sets, more = datasets.read_all(paths, "train", "val"), datasets.read_all(hard, "train") if hard else ()
-    frames, doubtful = Frames.of(sets), Frames.of(more)
+    frames, doubtful = FrameSplits.of(sets), FrameSplits.of(more)
     rendered = len(frames.train)
     if real:
-        frames = Frames([*frames.train, *real.repeated(rendered)], frames.val, real.val)
+        frames = FrameSplits([*frames.train, *real.repeated(rendered)], frames.val, real.val)
     chosen = recipes(len(frames.train))
     named(chosen.find.device)  # or refused before anything is written
     with claim(out, resume=resume):
@@ -132,15 +132,15 @@ def train(
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class FrameSplits:
     """Frames to learn from and to judge by, and real ones that only the presence threshold and deviations are of."""
 
-    train: Sequence[cache.Frame]
-    val: Sequence[cache.Frame]
-    real: Sequence[cache.Frame] = ()
+    train: Sequence[cache.TrainingFrame]
+    val: Sequence[cache.TrainingFrame]
+    real: Sequence[cache.TrainingFrame] = ()
 
     @classmethod
-    def of(cls, sets: Sequence[datasets.Dataset]) -> Frames:
+    def of(cls, sets: Sequence[datasets.Dataset]) -> FrameSplits:
         """Take the frames of datasets' splits."""
         return cls(cache.frames(sets, "train"), cache.frames(sets, "val"))
 
@@ -161,12 +161,12 @@ class Fitted:
 
 
 def fit(
-    frames: Frames, out: Path, recipes: Recipes, *, hard: Frames | None = None, start: str | Path | None = None,
-    resume: bool = False, watch: Watch | None = None,
-    report: Callable[[str], Callable[[loop.Report], None]] | None = None, loaders: int = 0,
+    frames: FrameSplits, out: Path, recipes: Recipes, *, hard: FrameSplits | None = None,
+    start: str | Path | None = None, resume: bool = False, watch: Watch | None = None,
+    report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None, loaders: int = 0,
 ) -> Fitted:  # fmt: skip
     """Train on frames, and on hard ones at the last, judge by others, and write the nets into a folder; see `train`."""
-    hard = hard or Frames((), ())
+    hard = hard or FrameSplits((), ())
     train_frames, val_frames = frames.train, frames.val
     digest = frames.digest + "".join(start_digests(start).values())
     for name, some in (("training", train_frames), ("validation", val_frames)):
@@ -193,19 +193,19 @@ def fit(
         )  # fmt: skip
         return trained[name].net
 
-    found = learn("find", Find, find.Finding(*small), "pictures")
+    found = learn("find", Find, find.CoarseTask(*small), "pictures")
     example = torch.zeros((1, FIND_HEIGHT, FIND_WIDTH, 3), dtype=torch.uint8)
     export.export(found, example, ["heat", "reach"], out / "find.onnx", {"task": FIND})
 
     key = _digest(out / "find.onnx")
 
-    def cut(place: Path, name: str, some: Sequence[cache.Frame], pictures: find.Pictures) -> refine.Crops:
+    def cut(place: Path, name: str, some: Sequence[cache.TrainingFrame], pictures: find.SmallPictures) -> refine.Crops:
         boxes, progress = suspects(found, pictures, some), step(f"cutting {name} crops")
         return refine.crops(place / f"crops-{name}-{key}", some, boxes, seed=recipes.refine.seed, progress=progress)
 
     crops = [cut(folder, "train", train_frames, small[0]), cut(folder, "val", val_frames, small[1])]
     digest += key
-    refined = learn("refine", Refine, refine.Refining(*crops), "crops")
+    refined = learn("refine", Refine, refine.BoxTask(*crops), "crops")
     example = torch.zeros((1, REFINE_SIZE, REFINE_SIZE, 4), dtype=torch.uint8)
     export.export(refined, example, ["told"], out / "refine.onnx", {"task": REFINE})
 
@@ -216,7 +216,7 @@ def fit(
             pictures = find.pictures(aside / f"small-{name}", some, step(f"resizing hard {name} images"))
             sets.append(cut(aside, f"hard-{name}", some, pictures))
     digest += hard.digest + _digest(out / "refine.onnx")
-    task = settle.Settling(learned, judged, refined)
+    task = settle.PoseTask(learned, judged, refined)
     last = learn("settle", functools.partial(settle.learner, refined), task, "crops")
     write = functools.partial(export.export, last, example, ["told"])
 
@@ -229,12 +229,12 @@ def fit(
             shutil.copyfile(out / name, draft / name)
         write(draft / "settle.onnx", facts)
         # Around find's box refine misses unfamiliar grabs by more than around its own.
-        looks = Bundled(draft, Settings(least_presence=0.0, passes=PASSES, flips=WAYS))
-    seen = evaluate.watch(looks, [*val_frames, *hard.val], step("detecting in val images"))
-    others = evaluate.watch(looks, frames.real, step("detecting in real val images")) if frames.real else []
-    first = Bundled(Path(start)) if start is not None else None
+        detector = GrabDetector(draft, Settings(least_presence=0.0, passes=PASSES, flips=WAYS))
+    seen = evaluate.watch(detector, [*val_frames, *hard.val], step("detecting in val images"))
+    others = evaluate.watch(detector, frames.real, step("detecting in real val images")) if frames.real else []
+    first = GrabDetector(Path(start)) if start is not None else None
     least = first.settings.least_presence if first else 0.0
-    fitted, figures = evaluate.calibrated(looks, seen, others, before=least)
+    fitted, figures = evaluate.calibrated(detector, seen, others, before=least)
     write(out / "settle.onnx", facts | fitted)
     if first:
         before = evaluate.watch(first, [*val_frames, *hard.val], step("detecting with the first weights"))
@@ -260,14 +260,16 @@ def _digest(path: Path) -> str:
     return sha256(path)[:16]
 
 
-def suspects(net: torch.nn.Module, pictures: find.Pictures, frames: Sequence[cache.Frame]) -> list[list[Array]]:
+def suspects(
+    net: torch.nn.Module, pictures: find.SmallPictures, frames: Sequence[cache.TrainingFrame]
+) -> list[list[Array]]:
     """Boxes that find takes for the grab in each frame, px of the picture, the hottest first."""
     result = []
     with torch.inference_mode():
-        for start in range(0, len(frames), _LOOK):
-            some = torch.from_numpy(np.array(pictures.pictures[start : start + _LOOK]))
+        for start in range(0, len(frames), _BATCH):
+            some = torch.from_numpy(np.array(pictures.pictures[start : start + _BATCH]))
             heat, reach = (x.numpy() for x in net(some))
-            for i, frame in enumerate(frames[start : start + _LOOK]):
+            for i, frame in enumerate(frames[start : start + _BATCH]):
                 patch = whole(frame.row.width_px, frame.row.height_px)
                 found = [box for box, score in peaks(heat[i], reach[i]) if score >= _SUSPECT]
                 shares = [box.reshape(2, 2) / (FIND_WIDTH, FIND_HEIGHT) for box in found]

@@ -25,7 +25,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab.dataset import datasets
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import PASSES, VERIFY, Bundled
+from simgrab.instrument.detect.bundled import PASSES, VERIFY, GrabDetector
 from simgrab.instrument.detect.patches import REFINE_SIZE, VERIFY_ROOM, VERIFY_SIZE, Patch
 from simgrab.instrument.net import open_net
 from simgrab.io.files import sha256
@@ -43,7 +43,7 @@ from simgrab.training.detector.start import begun, some_examples
 from simgrab.training.detector.train import NETS
 from simgrab.training.folder import check, claim
 from simgrab.training.loop import SCORE
-from simgrab.training.recipe import Recipe
+from simgrab.training.recipe import TrainingRecipe
 
 TASK = "Crop around a found box and its surroundings in; whether the grab is there out."
 _TIMES = 2  # examples of each frame: of the grab, and of other things
@@ -56,14 +56,15 @@ _LEAST_WAY = 0.01  # of a box's longer side: from there on a twentieth of the ro
 _NEAR = 1e-4  # bound of probabilities in the score
 
 
-def recipe(*, quick: bool = False, **changes: Any) -> Recipe:
+def recipe(*, quick: bool = False, **changes: Any) -> TrainingRecipe:
     """Set verify's recipe; ``changes`` are other settings, by name."""
     return replace(
-        Recipe(epochs=4 if quick else 12, rate=1e-3, half=has_half_units(changes.get("device", "cpu"))), **changes
+        TrainingRecipe(epochs=4 if quick else 12, rate=1e-3, half=has_half_units(changes.get("device", "cpu"))),
+        **changes,
     )
 
 
-class Verifying(CropTask[Example]):
+class ContextTask(CropTask[Example]):
     """Verify's task (`simgrab.training.loop.Task`).
 
     Parameters
@@ -83,7 +84,7 @@ class Verifying(CropTask[Example]):
         return binary_cross_entropy_with_logits(out[:, 0], present) + _ROPES * astray
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
-        """Share of crops told apart, and the cross entropy."""
+        """Share of crops classified correctly, and the cross entropy."""
         if not self._validation:
             return {SCORE: 0.0}
         device = next(net.parameters()).device
@@ -147,8 +148,9 @@ def _window(rng: np.random.Generator) -> Patch:
 
 
 def train_verify(
-    paths: Sequence[str | Path], detector: str | Path, out: str | Path, settings: Recipe, *, resume: bool = False,
-    watch: Callable[[str], cache.Progress] | None = None, report: Callable[[loop.Report], None] | None = None,
+    paths: Sequence[str | Path], detector: str | Path, out: str | Path, settings: TrainingRecipe, *,
+    resume: bool = False, watch: Callable[[str], cache.Progress] | None = None,
+    report: Callable[[loop.TrainingReport], None] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Train verify for a trained detector, on what this takes for the grab.
 
@@ -161,7 +163,7 @@ def train_verify(
         Folder of the other nets.
     out : path
         Gets these nets with their cards, verify, its card and checkpoint, and a cache that may be deleted.
-    settings : Recipe
+    settings : TrainingRecipe
     resume : bool
         Go on with an interrupted training of the same recipe and datasets.
     watch, report : callable, optional
@@ -178,7 +180,7 @@ def train_verify(
     """
     out, detector = Path(out), Path(detector)
     check(out, resume=resume)
-    sets, looks = datasets.read_all(paths, "train", "val"), Bundled(detector)
+    sets, nets = datasets.read_all(paths, "train", "val"), GrabDetector(detector)
     step = watch or (lambda _: lambda _done, _total: None)
     begin = _start(detector)
     names = dict.fromkeys([*(f"{name}.onnx" for name in NETS), begin.name])
@@ -192,10 +194,10 @@ def train_verify(
             folder, twice = out / "cache" / f"{name}-{digest[:16]}", [*some] * _TIMES
             split: list[list[Array]] = [[] for _ in twice]  # crops in the cache need none
             if not cache.is_built(folder):
-                boxes = suspects(looks, some, step(f"detecting in {name} images"))
+                boxes = suspects(nets, some, step(f"detecting in {name} images"))
                 split = [found[half::_TIMES] for half in range(_TIMES) for found in boxes]
             crops[name] = refine.crops(folder, twice, split, seed=settings.seed, progress=step(f"cutting {name} crops"))
-        task = Verifying([crops["train"]], [crops["val"]])
+        task = ContextTask([crops["train"]], [crops["val"]])
         (out / "verify").mkdir(exist_ok=True)
         trained = loop.train(
             functools.partial(_begun, begin, task),
@@ -223,7 +225,7 @@ def _start(detector: Path) -> Path:
     return detector / ("verify.onnx" if verified else "refine.onnx")
 
 
-def _begun(begin: Path, task: Verifying) -> Verify:
+def _begun(begin: Path, task: ContextTask) -> Verify:
     """Build verify with the weights of a verify, or with the stages of a refine."""
     some = some_examples(task)["crops"]
     if begin.stem == "verify":
@@ -236,38 +238,40 @@ def _begun(begin: Path, task: Verifying) -> Verify:
     return Verify(refined)
 
 
-def _assemble(out: Path, detector: Path, val: Sequence[cache.Frame], progress: cache.Progress) -> dict[str, Any]:
+def _assemble(
+    out: Path, detector: Path, val: Sequence[cache.TrainingFrame], progress: cache.Progress
+) -> dict[str, Any]:
     """Put the other nets beside verify, with a presence threshold for all together; figures on validation frames."""
     facts = open_net(detector / "settle.onnx").facts | {"verified": True}
     export.copy(NETS, detector, out)
-    settings = Bundled(detector).settings
+    settings = GrabDetector(detector).settings
 
     def thresholded(presence: float) -> None:
         changed = msgspec.structs.replace(settings, least_presence=presence)
         export.restated(out / "settle.onnx", facts | {"settings": msgspec.structs.asdict(changed)})
 
     thresholded(0.0)
-    seen = evaluate.watch(Bundled(out), val, progress)
+    seen = evaluate.watch(GrabDetector(out), val, progress)
     presence = round(evaluate.least_presence(seen), 4)
     thresholded(presence)
     return evaluate.metrics(evaluate.by(presence, seen))
 
 
 def suspects(
-    looks: Bundled, frames: Sequence[cache.Frame], progress: cache.Progress | None = None
+    detector: GrabDetector, frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
 ) -> list[list[Array]]:
     """Boxes that a detector may take for the grab in each frame, px of the picture, the most present first.
 
-    They are its candidates, refined once, and as often as `Bundled` refines them again; of those that are nearly the
-    same, the first.
+    They are its candidates, refined once, and as often as `GrabDetector` refines them again; of those that are nearly
+    the same, the first.
     """
     result = []
     for frame in frames:
         picture = frame.picture()
-        places = [one.box for one in looks.candidates(picture) if one.heat >= _SUSPECT]
+        places = [one.box for one in detector.candidates(picture) if one.heat >= _SUSPECT]
         found: list[tuple[float, Array]] = []
         for done in range(PASSES if places else 0):
-            refined = looks.refine(picture, places)
+            refined = detector.refine(picture, places)
             places = list(refined.boxes)
             if done in (0, PASSES - 1):
                 found += zip(refined.presence, refined.boxes, strict=True)

@@ -24,7 +24,7 @@ from simgrab.training.graph import traced
 from simgrab.training.reader.cells import gather
 from simgrab.training.reader.lenet import LeNet5
 from simgrab.training.reader.task import Digits, threshold
-from simgrab.training.recipe import Recipe
+from simgrab.training.recipe import TrainingRecipe
 
 NAME = "reader"
 TASK = (
@@ -33,17 +33,17 @@ TASK = (
     "ones and taught as no digit."
 )
 # One thread: so small a net gains nothing by two.
-RECIPE = Recipe(epochs=20, batch=128, rate=3e-3, weight_decay=0.01, average=0.995, patience=8, threads=1)
+RECIPE = TrainingRecipe(epochs=20, batch=128, rate=3e-3, weight_decay=0.01, average=0.995, patience=8, threads=1)
 QUICK_EPOCHS = 6
 
 
 def train_reader(
     paths: Sequence[str | Path],
     out: Path,
-    recipe: Recipe = RECIPE,
+    recipe: TrainingRecipe = RECIPE,
     *,
     resume: bool = False,
-    report: Callable[[loop.Report], None] | None = None,
+    report: Callable[[loop.TrainingReport], None] | None = None,
 ) -> Card:
     """Train a reader on rendered datasets and write ``reader.onnx`` with its card.
 
@@ -54,7 +54,7 @@ def train_reader(
         the best epoch is chosen and the threshold set.
     out : Path
         Folder.
-    recipe : Recipe
+    recipe : TrainingRecipe
     resume : bool
         Go on from the checkpoint in ``out``.
     report : callable, optional

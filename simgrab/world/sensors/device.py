@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Scenario
-from simgrab.world.sensors.errors import Clock, Open
+from simgrab.world.sensors.errors import Open, SensorClock
 from simgrab.world.sensors.motion import Motion
 
 SWING = ("alpha [deg]", "azimuth [deg]")
@@ -41,7 +41,7 @@ class Setting:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class SensorRows:
     """Rows of a sensor's two tables.
 
     Attributes
@@ -65,7 +65,7 @@ class Device(ABC):
 
     Parameters
     ----------
-    clock : Clock
+    clock : SensorClock
     each : int
         It reports every so many samples.
 
@@ -83,7 +83,7 @@ class Device(ABC):
     truth_columns: tuple[str, ...]
     body_from_sensor: Array | None = None
 
-    def __init__(self, clock: Clock, each: int = 1) -> None:
+    def __init__(self, clock: SensorClock, each: int = 1) -> None:
         self.clock, self._each, self._next = clock, each, 0
         self._kept = slice(None)  # of the samples that are read, those that it reports
         self._close: Callable[[], None] | None = None
@@ -100,7 +100,7 @@ class Device(ABC):
         self._next += len(times)
         return times
 
-    def rows(self, motion: Motion) -> Rows:
+    def rows(self, motion: Motion) -> SensorRows:
         """Read the motion at the instants given last."""
         samples = np.arange(self._next - len(motion.time), self._next, dtype=float)
         self._kept = slice((len(motion.time) - self._next) % self._each, None, self._each)
@@ -109,7 +109,7 @@ class Device(ABC):
         time = motion.time[self._kept]
         if self._counts is not None:
             stamp, time = np.repeat(stamp, self._counts), np.repeat(time, self._counts)
-        return Rows(stamp, values, np.column_stack([time, truth]), self.pictures)
+        return SensorRows(stamp, values, np.column_stack([time, truth]), self.pictures)
 
     def close(self) -> None:
         """Free what it renders with, if it does."""

@@ -8,7 +8,7 @@ from simgrab.model.geometry import Array
 from simgrab.model.scenario import HoistEncoder, LuffEncoder, SlewEncoder
 from simgrab.model.scenario.sensors import Encoder
 from simgrab.world.sensors.device import Device, Setting
-from simgrab.world.sensors.errors import Clock, Errors
+from simgrab.world.sensors.errors import SensorClock, SensorErrors
 from simgrab.world.sensors.motion import Motion
 
 COLUMNS = {SlewEncoder: "slew [deg]", LuffEncoder: "radius [m]", HoistEncoder: "rope_length [m]"}
@@ -18,14 +18,14 @@ class EncoderDevice(Device):
     """The turn of the jib, its radius, or the rope's length."""
 
     def __init__(self, sensor: Encoder, setting: Setting) -> None:
-        super().__init__(Clock.draw(sensor.rate_hz, sensor, setting.opened))
+        super().__init__(SensorClock.draw(sensor.rate_hz, sensor, setting.opened))
         column = COLUMNS[type(sensor)]
         self.columns, self.truth_columns, self._sensor = (column,), ("time [s]", column), sensor
         if isinstance(sensor, SlewEncoder):
             zero, scale, resolution = sensor.zero_error_deg, 0.0, sensor.resolution_deg
         else:
             zero, scale, resolution = sensor.zero_error_m, sensor.scale_error, sensor.resolution_m
-        self._errors = Errors(1, setting.opened, bias=zero, scale_error=scale, resolution=resolution)
+        self._errors = SensorErrors(1, setting.opened, bias=zero, scale_error=scale, resolution=resolution)
 
     def _read(self, motion: Motion) -> tuple[Array, Array]:
         match self._sensor:

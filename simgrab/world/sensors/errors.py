@@ -22,7 +22,7 @@ def streams(seed: int, clip: int, sensor: str) -> Open:
 
 
 @dataclass(frozen=True)
-class Clock:
+class SensorClock:
     """A sensor's clock, which sets when it samples and what it stamps.
 
     At the true time t of the clip it shows ``offset + (1 + drift) t``; it samples ``rate_hz`` times in a second of its
@@ -41,7 +41,7 @@ class Clock:
     drift: float = 0.0
 
     @classmethod
-    def draw(cls, rate_hz: float, errors: Clocked | ImuNoise, opened: Open) -> Clock:
+    def draw(cls, rate_hz: float, errors: Clocked | ImuNoise, opened: Open) -> SensorClock:
         """Draw a clock of stated standard deviations of offset and drift."""
         offset, drift = opened("clock").standard_normal(2).tolist()
         return cls(rate_hz, offset * errors.clock_offset_ms / 1000, drift * errors.clock_drift_ppm / 1e6)
@@ -55,7 +55,7 @@ class Clock:
         return np.asarray(self.offset + samples / self.rate_hz)
 
 
-class Errors:
+class SensorErrors:
     """Errors of k axes, sample by sample: y = (I + E) x + b + n, limited and counted.
 
     E holds scale errors and misalignments, b a bias that begins at its turn-on value and then walks at random; n is

@@ -9,7 +9,7 @@ import numpy as np
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Imu
 from simgrab.world.sensors.device import SWING, Device, Setting
-from simgrab.world.sensors.errors import Clock, Errors
+from simgrab.world.sensors.errors import SensorClock, SensorErrors
 from simgrab.world.sensors.motion import Motion
 from simgrab.world.sensors.mounts import body_from_sensor, kinematics
 
@@ -27,7 +27,7 @@ class ImuDevice(Device):
     )  # fmt: skip
 
     def __init__(self, sensor: Imu, setting: Setting) -> None:
-        super().__init__(Clock.draw(sensor.rate_hz, sensor.errors, setting.opened))
+        super().__init__(SensorClock.draw(sensor.rate_hz, sensor.errors, setting.opened))
         self._sensor, self._scenario = sensor, setting.scenario
         self.body_from_sensor = body_from_sensor(sensor.mount, setting.scenario)
         self._gyroscope = _errors(sensor, setting, "gyroscope", "deg_s", math.radians(1))
@@ -41,7 +41,7 @@ class ImuDevice(Device):
         return np.hstack([rate, force]), np.hstack([true.rate, true.force, rate_bias, force_bias, swing])
 
 
-def _errors(sensor: Imu, setting: Setting, kind: str, unit: str, scale: float) -> Errors:
+def _errors(sensor: Imu, setting: Setting, kind: str, unit: str, scale: float) -> SensorErrors:
     """Errors of one of the two triads, whose keys end in a unit of this many SI units."""
 
     def of(name: str) -> float:
@@ -49,7 +49,7 @@ def _errors(sensor: Imu, setting: Setting, kind: str, unit: str, scale: float) -
 
     limit = getattr(sensor.errors, f"{kind}_range_{unit}")
     drawn = {"scale": "matrix", "zero": "bias"}
-    return Errors(
+    return SensorErrors(
         3, lambda variable: setting.opened(f"{kind}.{drawn.get(variable, variable)}"),
         density=of("noise_density"), walk=of("random_walk"), bias=scale * of(f"bias_{unit}"),
         scale_error=of("scale_error"), misalignment=math.radians(of("misalignment_deg")),

@@ -10,7 +10,7 @@ from scipy import signal
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Inclinometer
 from simgrab.world.sensors.device import SWING, Device, Setting
-from simgrab.world.sensors.errors import Clock, Errors
+from simgrab.world.sensors.errors import SensorClock, SensorErrors
 from simgrab.world.sensors.motion import Motion
 from simgrab.world.sensors.mounts import Kinematics, body_from_sensor, kinematics
 
@@ -28,11 +28,11 @@ class InclinometerDevice(Device):
 
     def __init__(self, sensor: Inclinometer, setting: Setting) -> None:
         each = math.ceil(FILTER_HZ / sensor.rate_hz)
-        clock = Clock.draw(each * sensor.rate_hz, sensor, setting.opened)
+        clock = SensorClock.draw(each * sensor.rate_hz, sensor, setting.opened)
         super().__init__(clock, each)
         self._sensor, self._scenario = sensor, setting.scenario
         self.body_from_sensor = body_from_sensor(sensor.mount, setting.scenario)
-        self._errors = Errors(
+        self._errors = SensorErrors(
             2, setting.opened, density=sensor.noise_deg, bias=sensor.zero_error_deg, resolution=sensor.resolution_deg
         )
         # Exact for a force that goes straight from sample to sample.
@@ -44,7 +44,7 @@ class InclinometerDevice(Device):
 
     def _read(self, motion: Motion) -> tuple[Array, Array]:
         true = kinematics(self._sensor.mount, motion, self._scenario)
-        if self._state is None:  # settled on the first value
+        if self._state is None:  # begins at the first value, without a transient
             self._state = (1 - self._taps[0]) * true.force[:1]
         slow, self._state = signal.lfilter(self._taps, (1, -self._pole), true.force, axis=0, zi=self._state)
         truth = np.hstack([_above_level(true.force), _true_tilt(true), np.degrees(motion.swing).T])

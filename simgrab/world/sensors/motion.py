@@ -175,14 +175,14 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
         if waving:
             waves = waving.advance(block, which, late, begun, fields)
         if len(time):
-            sampled = work.sample(time + course.settled_s)
+            sampled = work.sample(time + course.warm_up_s)
             leans = mount.within(block.lean[which], late, block.felt[which], sampled.luffed, sampled.luff_rate)
             shake, shake_rate = _between(_padded(before, block, after), which, late / interval)
             shake_rate = shake_rate / interval
             yield Motion(
                 time=time, **fields, waves=waves, gravity=block.gravity[which],
                 slew=sampled.slew, slew_rate=sampled.slew_rate,
-                slew_acceleration=work.slew_acceleration(time + course.settled_s),
+                slew_acceleration=work.slew_acceleration(time + course.warm_up_s),
                 radius=scenario.swing.radius_m + sampled.luffed, luffed=sampled.luffed,
                 jaw=sampled.jaw, load=sampled.load, shake=shake, shake_rate=shake_rate,
                 lean=leans[:, 0] + shake, lean_rate=leans[:, 1] + shake_rate,

@@ -14,7 +14,7 @@ from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import MotionSensor, Scenario, Variant
 from simgrab.world.extensions import Randomiser, Recipe
-from simgrab.world.sensors.device import Device, Rows, Setting
+from simgrab.world.sensors.device import Device, SensorRows, Setting
 from simgrab.world.sensors.errors import streams
 from simgrab.world.sensors.motion import motions
 from simgrab.world.sensors.table import DEVICES, implementation
@@ -104,7 +104,7 @@ def sensors(
     number %= count
     variant = recipe.variant(scenario.span(number).start)
     one, devices = variant.scenario, devices_of(variant, number)
-    taken: dict[str, list[Rows]] = {name: [] for name in devices}
+    taken: dict[str, list[SensorRows]] = {name: [] for name in devices}
     for name, rows in record(one, number, devices):
         taken[name].append(rows)
     return {
@@ -129,7 +129,7 @@ def devices_of(variant: Variant, clip: int, *, renders: bool = False) -> dict[st
     return devices
 
 
-def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterator[tuple[str, Rows]]:
+def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterator[tuple[str, SensorRows]]:
     """Record a clip with devices that are new, and give their rows some seconds at a time, each device's in order.
 
     Parameters
@@ -142,7 +142,7 @@ def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterato
     Yields
     ------
     name : str
-    rows : Rows
+    rows : SensorRows
     """
     due: dict[str, Array] = {}
 

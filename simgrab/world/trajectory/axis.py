@@ -71,7 +71,7 @@ class Move:
 
 
 @dataclass
-class Axis:
+class CommandedAxis:
     """Where an axis is commanded to be, over time. Moves are appended in order and forgotten when long past."""
 
     rest: float

@@ -16,7 +16,7 @@ from simgrab.world.trajectory.display import Shown, shown
 from simgrab.world.trajectory.linked import LinkedPlant
 from simgrab.world.trajectory.moment import JibState, Moment
 from simgrab.world.trajectory.mount import Mount, tilted
-from simgrab.world.trajectory.noise import BLOCK, Shape, low_pass, narrow_band, noise, von_karman
+from simgrab.world.trajectory.noise import BLOCK, ShapingFilter, low_pass, narrow_band, noise, von_karman
 from simgrab.world.trajectory.one_body import OneBodyPlant
 from simgrab.world.trajectory.plant import MOST_STEP_S, Drive, Plant, turned
 from simgrab.world.trajectory.work import Course, Work
@@ -90,7 +90,7 @@ class ClipMotion:
         self._per_frame = math.ceil(period / MOST_INTERVAL_S)
         self.interval = period / self._per_frame
         self.steps = math.ceil(self.interval / MOST_STEP_S)
-        self._settle = math.ceil(self._swing.settle_s / period)  # frames before the first
+        self._warm_up_frames = math.ceil(self._swing.settle_s / period)  # before the first
         self._first = scenario.span(clip).start  # frame
         self._layout = scenario.display_layout
 
@@ -112,9 +112,9 @@ class ClipMotion:
                     yield moment
 
     @property
-    def settled_s(self) -> float:
+    def warm_up_s(self) -> float:
         """Time that runs before the first frame, by which the work's clock is ahead of the clip's."""
-        return self._settle * self._per_frame * self.interval
+        return self._warm_up_frames * self._per_frame * self.interval
 
     def blocks(self, work: Work) -> Iterator[Block]:
         """Give what drives the clip, block by block, without end; ``work`` is sampled as they are asked for."""
@@ -127,7 +127,7 @@ class ClipMotion:
             velocity = _velocity(self._swing.radius_m, course)
             gravity = np.full((BLOCK, 3), -STANDARD_GRAVITY)
             gravity[:, :2] = -np.diff(velocity, axis=0) / self.interval
-            count = block * BLOCK - self._settle * self._per_frame
+            count = block * BLOCK - self._warm_up_frames * self._per_frame
             felt = turned(gravity, -course.slew[:-1])
             lean = mount.advance(felt, course.luffed)
             yield Block(count, self.interval, course, gravity, velocity, felt, wind, push, shake, lean)
@@ -157,7 +157,7 @@ class ClipMotion:
         rate, grab = self._scenario.clip.frame_rate_hz, design_of(self._scenario.grab)
 
         def lengths(time: float) -> tuple[float, float]:
-            rope, jaw = work.rope_and_jaw(max(time - self._first / rate + self.settled_s, 0.0))
+            rope, jaw = work.rope_and_jaw(max(time - self._first / rate + self.warm_up_s, 0.0))
             return rope, rope + grab.closing_rope_m(jaw)
 
         return shown(self._scenario.display, self._layout, moment.frame / rate, lengths)
@@ -180,7 +180,7 @@ class ClipMotion:
         shape = narrow_band(vibration.frequency_hz, vibration.damping)
         return self.noise(shape, math.radians(vibration.rms_deg), "vibration")
 
-    def noise(self, shape: Shape | None, rms: float, name: str) -> Iterator[Array]:
+    def noise(self, shape: ShapingFilter | None, rms: float, name: str) -> Iterator[Array]:
         """Blocks (BLOCK, 2) of two independent components, each of this rms."""
         if not shape or not rms:
             return itertools.repeat(np.zeros((BLOCK, 2)))

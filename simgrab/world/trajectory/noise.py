@@ -17,7 +17,7 @@ _FORGETTING = 12.0  # time constants of the slowest pole after which the start i
 
 
 @dataclass(frozen=True)
-class Shape:
+class ShapingFilter:
     """A filter H(s) = numerator/denominator, coefficients in falling powers of s (rad/s); its gain does not matter.
 
     Attributes
@@ -41,38 +41,38 @@ class Shape:
         return float(_FORGETTING / np.abs(np.real(np.roots(self.denominator))).min())
 
 
-def low_pass(bandwidth_hz: float) -> Shape:
+def low_pass(bandwidth_hz: float) -> ShapingFilter:
     """White up to a bandwidth: a second-order Butterworth filter."""
     w = 2 * np.pi * bandwidth_hz
-    return Shape((1.0,), (1 / w**2, np.sqrt(2) / w, 1.0))
+    return ShapingFilter((1.0,), (1 / w**2, np.sqrt(2) / w, 1.0))
 
 
-def narrow_band(frequency_hz: float, damping: float) -> Shape:
+def narrow_band(frequency_hz: float, damping: float) -> ShapingFilter:
     """Trembling about a frequency: displacement of a damped oscillator that white noise drives, less its slow part."""
     w = 2 * np.pi * frequency_hz
-    return Shape((1.0, 0.0), (1.0, 2 * damping * w, w**2))
+    return ShapingFilter((1.0, 0.0), (1.0, 2 * damping * w, w**2))
 
 
-def von_karman(scale_m: float, mean_m_s: float) -> Shape:
+def von_karman(scale_m: float, mean_m_s: float) -> ShapingFilter:
     """Turbulence along the wind, S(f) = 4σ²(L/U) / (1 + 70.8 (fL/U)²)^(5/6), von Karman (1948).
 
     The rational form is fitted to within 5 % of S for f L/U from 0.001 to 3 (`tests/world/test_motion.py`).
     """
     t = scale_m / mean_m_s
     zeros, poles = _VON_KARMAN
-    return Shape(tuple(np.poly(np.divide(zeros, t))), tuple(np.poly(np.divide(poles, t))))
+    return ShapingFilter(tuple(np.poly(np.divide(zeros, t))), tuple(np.poly(np.divide(poles, t))))
 
 
 # Zeros and poles, in units of U/L (rad), of the filter fitted to von Karman's spectrum.
 _VON_KARMAN = ((-2.4055, -13.748), (-0.81260, -3.1652, -19.116))
 
 
-def noise(shape: Shape, step: float, *, seed: int, clip: int, name: str) -> Iterator[Array]:
+def noise(shape: ShapingFilter, step: float, *, seed: int, clip: int, name: str) -> Iterator[Array]:
     """Yield blocks of `BLOCK` samples, stationary from the first on, of variance 1.
 
     Parameters
     ----------
-    shape : Shape
+    shape : ShapingFilter
     step : float
         Between samples, s.
     seed, clip : int

@@ -13,7 +13,7 @@ from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Cycles, Dynamic, Scenario, Turn
 from simgrab.world.scenery.grabs import design_of
-from simgrab.world.trajectory.axis import Axis, Move
+from simgrab.world.trajectory.axis import CommandedAxis, Move
 
 KEPT_S = 30.0  # moves are kept so long after their end: displays lag
 OPEN = 0.9  # of the widest opening
@@ -67,16 +67,23 @@ class Work:
         work = self._work
         if isinstance(work, Cycles):
             first = self._vary(work.dig_rope_m, "dig_rope", 0)
-            self._rope, self._jaw, self._load = Axis(self._depth(first)), Axis(self._open), Axis(0.0)
+            self._rope, self._jaw, self._load = (
+                CommandedAxis(self._depth(first)),
+                CommandedAxis(self._open),
+                CommandedAxis(0.0),
+            )
         else:
             if math.radians(work.jaw_deg) > self._most_jaw > 0:  # a grab without jaws stays closed
                 raise ScenarioError(
                     "swing.work.jaw_deg", f"this grab opens by {math.degrees(self._most_jaw):g}°, got {work.jaw_deg:g}°"
                 )
-            self._rope, self._jaw = Axis(work.rope_length_m), Axis(min(math.radians(work.jaw_deg), self._most_jaw))
-            self._load, self._until = Axis(work.load), math.inf
-        self._slew = Axis(math.radians(work.dig_slew_deg) if isinstance(work, Cycles) else 0.0)
-        self._luff = Axis(0.0)
+            self._rope, self._jaw = (
+                CommandedAxis(work.rope_length_m),
+                CommandedAxis(min(math.radians(work.jaw_deg), self._most_jaw)),
+            )
+            self._load, self._until = CommandedAxis(work.load), math.inf
+        self._slew = CommandedAxis(math.radians(work.dig_slew_deg) if isinstance(work, Cycles) else 0.0)
+        self._luff = CommandedAxis(0.0)
         if isinstance(work, Turn):
             # Farther than any clip is long: it never arrives.
             speed = work.slew_rpm * 2 * math.pi / 60

@@ -9,7 +9,7 @@ from simgrab.errors import StressError
 from simgrab.lab.stress import catalogue
 from simgrab.lab.stress.laboratory import make, parts
 from simgrab.lab.stress.study import Study
-from simgrab.lab.stress.summary import Summary
+from simgrab.lab.stress.summary import StudySummary
 
 
 def small(study: str | Study, *points: tuple, **changes: object) -> Study:
@@ -30,8 +30,8 @@ def small(study: str | Study, *points: tuple, **changes: object) -> Study:
     )
 
 
-def summed(study: Study) -> Summary:
-    summary = Summary(study, catalogue.columns(study.kind))
+def summed(study: Study) -> StudySummary:
+    summary = StudySummary(study, catalogue.columns(study.kind))
     for part in parts(study):
         summary.add(make(study, part))
     return summary

@@ -95,7 +95,7 @@ def test_leans_add_up_as_vectors():
     assert motion(n=10, slewing=1.2).sigma[0] == pytest.approx(math.hypot(2, 2.3) * DEG, rel=0.01)  # FACTS of cranes
 
 
-def test_ropes_are_told_late_wrong_and_misread():
+def test_ropes_are_reported_late_wrong_and_misread():
     plain = records(rope_range=20.0)
     assert np.array_equal(records(rope_range=20.0, rope_bias=0.5).rope, plain.rope + 0.5)
     misread = records(rope_range=20.0, rope_misread=0.1)

@@ -41,7 +41,7 @@ TRUTH = ("alpha", "sigma", "probe_pixels", "probe_rope")
 
 
 def records(point, *trials):
-    return rendered.draw(rendered.settle(catalogue.read(SNOW), point), 0, trials)
+    return rendered.draw(rendered.prepare(catalogue.read(SNOW), point), 0, trials)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def clear():
 
 @pytest.fixture(scope="module")
 def watched() -> Watched:
-    return watch(rendered.settle(catalogue.read(SNOW), (8.0,)), 0, 1)
+    return watch(rendered.prepare(catalogue.read(SNOW), (8.0,)), 0, 1)
 
 
 def test_a_replication_depends_on_its_number_alone(clear):
@@ -63,7 +63,7 @@ def test_a_replication_depends_on_its_number_alone(clear):
 
 def test_all_points_share_their_draws(clear, watched):
     np.testing.assert_array_equal(watched.truth[0], clear.alpha[1])
-    assert not np.array_equal(watched.seen.pixels, clear.pixels[1], equal_nan=True)  # but are not seen alike
+    assert not np.array_equal(watched.arrays.pixels, clear.pixels[1], equal_nan=True)  # but are not seen alike
 
 
 def test_the_truth_obeys_the_papers_equation(watched):
@@ -89,14 +89,14 @@ def test_it_is_what_rendering_and_looking_give(watched, tmp_path):
     assert watched.calibration == camera
     seen = list(observe(open_source(tmp_path / "set"), pipeline.detector, pipeline.reader, camera))
     assert [(s.centre, s.rope_text, s.score) for s in seen] == [
-        (s.centre, s.rope_text, s.score) for s in watched.seen.observations
+        (s.centre, s.rope_text, s.score) for s in watched.arrays.observations
     ]
 
 
 def test_physics_brings_times_and_a_camera_that_moves():
     moving = TINY | {"swing.work.wait_s": 0, "clip.frame_rate_hz": 3}
     changes = {"base": "slew-alarm", "given": moving, "axes": [{"axis": "beta", "values": [3.0]}]}
-    found = rendered.draw(rendered.settle(catalogue.read(SNOW | changes), (3.0,)), 0, [0])
+    found = rendered.draw(rendered.prepare(catalogue.read(SNOW | changes), (3.0,)), 0, [0])
     np.testing.assert_allclose(np.diff(found.time), 1 / 3)
     assert found.sigma[0] == pytest.approx(np.sqrt(np.mean(found.alpha**2)))  # nobody knows what to expect
     rays = found.calibration.intrinsics.rays(found.probe_pixels)

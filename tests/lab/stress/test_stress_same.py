@@ -17,7 +17,7 @@ from stress_runs import small
 from simgrab.errors import StressError
 from simgrab.lab.stress import catalogue, geometric, laboratory, replay
 from simgrab.lab.stress.axes import AXES
-from simgrab.lab.stress.laboratory import PARTIAL, TRIALS, Part, make, parts
+from simgrab.lab.stress.laboratory import PARTIAL, TRIALS, ReplicationBatch, make, parts
 from simgrab.lab.stress.study import situation
 
 STUDY = """
@@ -66,8 +66,12 @@ def test_a_replication_depends_on_its_number_alone(name):
 
 def test_rows_are_the_same_in_parts_of_any_size_and_in_a_replay(file):
     study = catalogue.load(file)
-    whole = make(study, Part(3, 0, 12)).to_pylist()
-    pieces = [row for first in (0, 1, 5) for row in make(study, Part(3, first, {0: 1, 1: 5, 5: 12}[first])).to_pylist()]
+    whole = make(study, ReplicationBatch(3, 0, 12)).to_pylist()
+    pieces = [
+        row
+        for first in (0, 1, 5)
+        for row in make(study, ReplicationBatch(3, first, {0: 1, 1: 5, 5: 12}[first])).to_pylist()
+    ]
     by = {(r["trial"], r["estimator"]): r for r in pieces}
     assert all(by[r["trial"], r["estimator"]] == r for r in whole)
     again = replay.replay(study, 7, study.points[3])

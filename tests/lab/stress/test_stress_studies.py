@@ -18,7 +18,7 @@ from simgrab.lab.stress import catalogue, estimators, geometric
 from simgrab.lab.stress.catalogue import STUDIES
 from simgrab.lab.stress.laboratory import outcome
 from simgrab.lab.stress.study import Study, Sweep, quickened, situation
-from simgrab.lab.stress.summary import Finding, Verdict
+from simgrab.lab.stress.summary import LimitVerdict, StudyResult
 from simgrab.model.records.estimates import Estimate
 
 GOOD = tomllib.loads((STUDIES / "focal.toml").read_text(encoding="utf-8"))
@@ -168,7 +168,7 @@ def invoke(*arguments):
 
 def test_how_many_limits_are_met_is_said_where_some_were_set():
     def of(*passed):
-        return Finding(None, tuple(Verdict("a study", "a limit", "found", one) for one in passed))
+        return StudyResult(None, tuple(LimitVerdict("a study", "a limit", "found", one) for one in passed))
 
     assert outcome([of(True, False), of(), of(True)]) == "2 of 3 limits are met"
     assert outcome([of(), of()]) == "no limits were set"

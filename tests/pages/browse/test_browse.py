@@ -35,7 +35,7 @@ from simgrab.model.masks import Coded, Masks
 from simgrab.pages.browse import browse, columns, dataset, masks
 from simgrab.pages.browse.exporting import Exports
 from simgrab.pages.browse.masks import IndexedMasks
-from simgrab.pages.browse.pictures import Kept
+from simgrab.pages.browse.pictures import LruCache
 from simgrab.pages.browse.run import _in_folder
 from simgrab.pages.browse.videos import VideoPictures
 
@@ -389,7 +389,7 @@ def test_pictures_of_fewer_bits_are_shown_as_they_were_measured(tmp_path):
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 120)), max_size=40))
 def test_what_is_kept_is_limited(puts):
-    kept, last = Kept(300), {}
+    kept, last = LruCache(300), {}
     for key, size in puts:
         kept.put(key, bytes(size))
         last[key] = size

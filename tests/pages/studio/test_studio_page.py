@@ -77,10 +77,10 @@ def as_before(shown):
     """Begin with the scene as it was opened."""
     yield
     shown.evaluate('while (!document.getElementById("undo").disabled) document.getElementById("undo").click()')
-    settle(shown)
+    act_and_wait(shown)
 
 
-def settle(shown, act=""):
+def act_and_wait(shown, act=""):
     """Do something, and wait until the full frame is shown."""
     if act:
         shown.evaluate(f"(() => {{ window.drawn = view().dataset.drawn; {act} }})()")
@@ -126,7 +126,7 @@ def test_a_control_of_each_type_changes_its_key_and_nothing_else(shown, folder, 
     if key == "display.layout":
         for name, pixels in (("width_px", 640), ("height_px", 360)):  # the display must fit
             act += f'; put(part("camera.{name}", "input[type=number]"), {pixels})'
-    settle(shown, f"{act};")
+    act_and_wait(shown, f"{act};")
     after = scene(shown)
     found = after
     for part in key.split("."):
@@ -136,7 +136,7 @@ def test_a_control_of_each_type_changes_its_key_and_nothing_else(shown, folder, 
     assert changed == {key.split(".")[0]} | ({"camera"} if key == "display.layout" else set())
     shown.evaluate('document.getElementById("undo").click()')
     if key != "display.layout":
-        settle(shown)
+        act_and_wait(shown)
         assert scene(shown) == before
         shown.evaluate('document.getElementById("redo").click()')
         assert scene(shown) == after
@@ -255,14 +255,14 @@ def test_two_scenes_are_edited_apart(shown, folder):
 
 def test_sensors_and_what_varies_are_added_and_removed(shown, folder):
     before = scenes.load(folder / "yard.toml")
-    settle(shown, 'put(row("swing.model").querySelector("select"), "dynamic");')
-    settle(
+    act_and_wait(shown, 'put(row("swing.model").querySelector("select"), "dynamic");')
+    act_and_wait(
         shown,
         """const add = [...document.querySelectorAll(".adding")].find((one) => one.querySelector("select"));
       add.querySelector("input").value = "imu0"; add.querySelector("button").click();""",
     )
     assert scene(shown).sensors["imu0"].mount == "camera"
-    settle(
+    act_and_wait(
         shown,
         """put(part("clip.clip_frames", "input[type=number]"), 3);
       const add = document.querySelector("[aria-label=\\"Key that varies\\"]"); add.value = "weather.wetness";
@@ -270,8 +270,8 @@ def test_sensors_and_what_varies_are_added_and_removed(shown, folder):
     )
     after = scene(shown)
     assert list(after.vary) == ["weather.wetness"]
-    settle(shown, 'document.querySelector("[aria-label=\\"Remove vary.weather.wetness\\"]").click();')
-    settle(shown, 'document.querySelector("[aria-label=\\"Remove sensors.imu0\\"]").click();')
+    act_and_wait(shown, 'document.querySelector("[aria-label=\\"Remove vary.weather.wetness\\"]").click();')
+    act_and_wait(shown, 'document.querySelector("[aria-label=\\"Remove sensors.imu0\\"]").click();')
     left = scene(shown)
     assert (left.vary, left.sensors) == (before.vary, before.sensors)
 
@@ -337,7 +337,7 @@ def test_frames_play_beside_another_seed_and_the_instrument_measures(shown):
     shown.evaluate(
         'if (document.getElementById("play").textContent === "Pause") document.getElementById("play").click()'
     )
-    settle(shown)
+    act_and_wait(shown)
     shown.evaluate(
         'put(document.getElementById("compare"), "nothing"); document.getElementById("tab-instrument").click()'
     )
@@ -361,7 +361,7 @@ def test_the_page_fits(shown, width):
 
 
 def test_a_scene_is_saved_and_its_command_shown(shown, folder):
-    settle(shown, 'put(part("camera.beta_deg", "input[type=number]"), 4);')
+    act_and_wait(shown, 'put(part("camera.beta_deg", "input[type=number]"), 4);')
     shown.evaluate("""document.getElementById("save").click();
       document.getElementById("saving-path").value = "again.toml"; document.getElementById("saving-go").click()""")
     shown.wait('document.getElementById("saving-status").textContent.startsWith("Saved")')

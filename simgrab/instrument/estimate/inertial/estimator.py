@@ -12,7 +12,7 @@ from simgrab.errors import RecordError
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, mount_from_camera, tilt_of
-from simgrab.instrument.estimate.inertial.fit import ROUNDS, Data, InertialFit, Path, Priors, fit
+from simgrab.instrument.estimate.inertial.fit import ROUNDS, InertialFit, InertialPriors, NodeData, Path, fit
 from simgrab.instrument.estimate.inertial.model import (
     ACCELEROMETER,
     ATTITUDE,
@@ -28,12 +28,12 @@ from simgrab.instrument.estimate.inertial.model import (
     SWING,
     VELOCITY,
     WIND,
-    Links,
+    ImuLinks,
     heading,
 )
 from simgrab.instrument.estimate.inertial.preintegration import Preintegrated, preintegrate, rotation
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
-from simgrab.instrument.estimate.motion import Motion, PathEstimator
+from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
 from simgrab.instrument.estimate.pendulum import THIN_S, Nodes
 from simgrab.instrument.estimate.rope_aware import RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
@@ -58,23 +58,23 @@ REST_S = 0.2  # readings about the vertical are averaged over so long before the
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class FilterStart:
     """A fitted record, from which frames to come can be filtered.
 
     Attributes
     ----------
-    data : Data
+    data : NodeData
     fit : InertialFit
-    priors : Priors
+    priors : InertialPriors
     rest : float
         Reading of the gyroscope about the optical axis while the jib stands, rad/s.
     excess : float
         See `ImuReadings.excess`.
     """
 
-    data: Data
+    data: NodeData
     fit: InertialFit
-    priors: Priors
+    priors: InertialPriors
     rest: float
     excess: float
 
@@ -153,11 +153,11 @@ class InertialFusion(PathEstimator):
             raise RecordError(f"{self.name} takes one record at a time: the sensor's readings belong to one")
         return super()._conclude(frames, calibration)
 
-    def _motion(self, frames: Frames, calibration: Calibration) -> Motion | str:
+    def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
         begun = self.start(frames, calibration, self.readings)
         return begun if isinstance(begun, str) else self._found(begun, calibration)
 
-    def start(self, frames: Frames, calibration: Calibration, imu: ImuReadings) -> Start | str:
+    def start(self, frames: Frames, calibration: Calibration, imu: ImuReadings) -> FilterStart | str:
         """Fit one record; returns why not where that cannot be."""
         assert frames.time is not None
         assert frames.rope_length is not None
@@ -176,13 +176,13 @@ class InertialFusion(PathEstimator):
         rates = imu.rate @ (turn @ imu.camera_from_sensor).T
         rest = _at_rest(imu.time, rates[:, 2])
 
-        def at(some: slice) -> Data:
+        def at(some: slice) -> NodeData:
             nodes = Nodes.of(frames, some)
             summed = preintegrate(nodes.time, imu, turn)
-            links = Links.of(summed, nodes.rope, length)
+            links = ImuLinks.of(summed, nodes.rope, length)
             turning = np.abs(summed.rate[:, 2] - rest)
             resting = np.maximum(np.append(turning, 0), np.append(0, turning)) < SLEWING
-            return Data(**vars(nodes), resting=resting, links=links, focal_px=calibration.focal_length_px)
+            return NodeData(**vars(nodes), resting=resting, links=links, focal_px=calibration.focal_length_px)
 
         every = max(min(int(THIN_S / np.median(np.diff(time))), len(time) // self.parameters), 1)
         try:
@@ -200,7 +200,7 @@ class InertialFusion(PathEstimator):
         odd = float(np.mean(found.path.weight < FREE))
         if odd > MOST_NOT_FREE:
             return f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?"
-        return Start(whole, found, priors, rest, excess)
+        return FilterStart(whole, found, priors, rest, excess)
 
     def unfit(self, time: Array, imu: ImuReadings) -> str:
         """Say why readings do not cover frames at times (n,), or frames are too far apart; empty where all is well."""
@@ -219,7 +219,7 @@ class InertialFusion(PathEstimator):
             return f"the sensor is silent for {silent.max():.2f} s at {inside[silent.argmax()]:.2f} s"
         return ""
 
-    def _priors(self, calibration: Calibration, imu: ImuReadings) -> Priors:
+    def _priors(self, calibration: Calibration, imu: ImuReadings) -> InertialPriors:
         mean, sd = np.zeros(PARAMETERS), np.empty(PARAMETERS)
         mean[OFFSET], mean[DAMPING], mean[LONGER] = calibration.offset_m, self.damping, self.longer_m
         # The offset's height scales the whole path: it is taken as it is, and widens the intervals.
@@ -237,9 +237,9 @@ class InertialFusion(PathEstimator):
         walk[VELOCITY] = 1.2 * imu.accelerometer_noise_density + 2e-3
         walk[GYROSCOPE] = 1.2 * imu.gyroscope_random_walk + 1e-6
         walk[ACCELEROMETER] = 1.2 * imu.accelerometer_random_walk + 1e-5
-        return Priors(mean, sd, first, walk)
+        return InertialPriors(mean, sd, first, walk)
 
-    def _first(self, data: Data, level: Array, offset: Array, bias: Array) -> Path:
+    def _first(self, data: NodeData, level: Array, offset: Array, bias: Array) -> Path:
         """Guess a path: attitudes from a gyroscope of some bias (3,) about a tilt (3, 3), swings from the pixels."""
         k, summed = len(data.time), data.links.imu
         force_bias = np.average(summed.force, axis=0, weights=summed.step) - STANDARD_GRAVITY * level[2]
@@ -267,7 +267,7 @@ class InertialFusion(PathEstimator):
         strengths = np.log([1e-3, 1.5 / data.focal_px, 3e-3])
         return Path(attitude, state, parameters, strengths, np.ones(k - 1))
 
-    def _found(self, begun: Start, calibration: Calibration) -> Motion:
+    def _found(self, begun: FilterStart, calibration: Calibration) -> EstimatedMotion:
         data, path, frame = begun.data, begun.fit.path, begun.data.frame
         covariance, s = state_covariances(begun.fit.minimum, STATE)[frame], path.state[frame, SWING]
         of_swing = covariance[:, SWING, SWING]
@@ -277,7 +277,7 @@ class InertialFusion(PathEstimator):
         along, across = iv.split(covariance[:, :2, :2].mean(axis=0), axis)
         # An error of the offset's height makes all swings as much larger or smaller as it is a share of the rope.
         stretch = np.hypot(*s.T) * calibration.offset_sd_m / data.rope[frame]
-        found = Motion(
+        found = EstimatedMotion(
             beta=beta,
             azimuth=azimuth,
             tilt_variance=(along, across),
@@ -314,7 +314,7 @@ def _at_rest(time: Array, rate: Array) -> float:
     return float(values.mean())
 
 
-def _refined(path: Path, thin: Data, whole: Data) -> Path:
+def _refined(path: Path, thin: NodeData, whole: NodeData) -> Path:
     """Carry a path over to more nodes; attitudes go on by the gyroscope from the last node before."""
     last = np.clip(np.searchsorted(thin.time, whole.time, side="right") - 1, 0, len(thin.time) - 1)
     state = interpolated(whole.time, thin.time, path.state)

@@ -25,7 +25,7 @@ from simgrab.instrument.estimate.inertial.model import (
     STATE,
     SWING,
     VELOCITY,
-    Links,
+    ImuLinks,
     derivatives_of_advance,
     derivatives_of_place,
 )
@@ -47,7 +47,7 @@ REST_SPEED = 0.03  # m/s per axis, of a jib that stands
 
 
 @dataclass(frozen=True)
-class Priors:
+class InertialPriors:
     """Means and standard deviations.
 
     Attributes
@@ -67,19 +67,19 @@ class Priors:
 
 
 @dataclass(frozen=True, eq=False)
-class Data(Nodes):
+class NodeData(Nodes):
     """What a record has at k nodes.
 
     Attributes
     ----------
     resting : ndarray of bool, shape (k,)
         Whether the jib does not slew.
-    links : Links
+    links : ImuLinks
     focal_px : float
     """
 
     resting: NDArray[np.bool_]
-    links: Links
+    links: ImuLinks
     focal_px: float
 
 
@@ -114,17 +114,17 @@ class InertialFit:
     converged: bool
 
 
-def fit(data: Data, first: Path, start: Path, priors: Priors, searches: int = SEARCHES) -> InertialFit:
+def fit(data: NodeData, first: Path, start: Path, priors: InertialPriors, searches: int = SEARCHES) -> InertialFit:
     """Fit from a rough path; at most so many rounds search for the strengths.
 
     Parameters
     ----------
-    data : Data
+    data : NodeData
     first : Path
         Whose first attitude and biases the priors are about.
     start : Path
         To begin with. Where ``searches`` is 0, its strengths and weights are kept.
-    priors : Priors
+    priors : InertialPriors
     searches : int
 
     Raises
@@ -169,14 +169,14 @@ def _hanging(best: Minimum, path: Path) -> Minimum:
     return replace(best, parameters=best.parameters + change, states=best.states - best.gain @ change)
 
 
-def _without_frequency(priors: Priors) -> Priors:
+def _without_frequency(priors: InertialPriors) -> InertialPriors:
     """Fix what sets the pendulum's frequency and its response: a loose path is not smooth enough to determine them."""
     sd = priors.sd.copy()
     sd[[DAMPING, LONGER, REACH]] = 1e-6
     return replace(priors, sd=sd)
 
 
-def _linearised(data: Data, path: Path, first: Path, priors: Priors, weigh: str) -> tuple[Weighed, Array]:
+def _linearised(data: NodeData, path: Path, first: Path, priors: InertialPriors, weigh: str) -> tuple[Weighed, Array]:
     """Linearise the posterior about a path; also the weights of its steps, new ones where ``weigh`` states a way."""
     links, k = data.links, len(path.state)
     residual, by_state, by_parameter = derivatives_of_advance(path.attitude, path.state, path.parameters, links)
@@ -213,7 +213,7 @@ def _linearised(data: Data, path: Path, first: Path, priors: Priors, weigh: str)
     return posterior, weight
 
 
-def _places(data: Data, path: Path) -> Quadratic:
+def _places(data: NodeData, path: Path) -> Quadratic:
     at, by_state, by_parameter = derivatives_of_place(path.attitude, path.state, path.parameters, data.rope)
     error = data.place - at
     square = np.sum(error**2, axis=-1) * np.exp(-2 * path.strengths[NOISE])
@@ -221,7 +221,7 @@ def _places(data: Data, path: Path) -> Quadratic:
     return linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
 
 
-def _prior(data: Data, path: Path, first: Path, priors: Priors) -> Quadratic:
+def _prior(data: NodeData, path: Path, first: Path, priors: InertialPriors) -> Quadratic:
     """Collect what is known of the first node, of the velocity at all of them, and of the parameters."""
     off = path.state.copy()
     off[0, ATTITUDE] = rotation_vector(first.attitude[0].T @ path.attitude[0])

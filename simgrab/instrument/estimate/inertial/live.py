@@ -11,7 +11,7 @@ import scipy
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances, update
 from simgrab.instrument.estimate.frames import groups, mount_from_camera
-from simgrab.instrument.estimate.inertial.estimator import SLEWING, WIDENING, InertialFusion, Start
+from simgrab.instrument.estimate.inertial.estimator import SLEWING, WIDENING, FilterStart, InertialFusion
 from simgrab.instrument.estimate.inertial.fit import velocity_precision
 from simgrab.instrument.estimate.inertial.model import (
     ATTITUDE,
@@ -21,7 +21,7 @@ from simgrab.instrument.estimate.inertial.model import (
     STATE,
     SWING,
     VELOCITY,
-    Links,
+    ImuLinks,
     advance,
     derivatives_of_advance,
     derivatives_of_place,
@@ -127,7 +127,7 @@ class InertialTracker:
 class _Filter:
     """State and parameters together, `ALL` numbers, and their covariance."""
 
-    def __init__(self, fusion: InertialFusion, calibration: Calibration, begun: Start) -> None:
+    def __init__(self, fusion: InertialFusion, calibration: Calibration, begun: FilterStart) -> None:
         path, minimum = begun.fit.path, begun.fit.minimum
         self._imu: ImuReadings = fusion.readings.without_excess(begun.excess)
         self._fusion, self._priors, self._rest = fusion, begun.priors, begun.rest
@@ -168,14 +168,14 @@ class _Filter:
         summed = preintegrate(nodes, self._imu.between(nodes[0] - 1, nodes[-1]), self._mount_from_camera)
         for i in range(parts):
             one = slice(i, i + 1)
-            links = Links.of(summed.part(one), ropes[i : i + 2], self._length)
+            links = ImuLinks.of(summed.part(one), ropes[i : i + 2], self._length)
             self._predict(links, float(nodes[i]))
             self._stand(links)
         self.time, self._rope = time, rope
         if place is not None:
             self._see(place, time)
 
-    def _predict(self, links: Links, now: float) -> None:
+    def _predict(self, links: ImuLinks, now: float) -> None:
         attitude, state = self._attitude[None], self._state[None]
         ahead, moved = advance(attitude, state, self._parameters, links)
         _, by_state, by_parameter = derivatives_of_advance(
@@ -186,7 +186,7 @@ class _Filter:
         self._covariance = carry @ self._covariance @ carry.T + added
         self._attitude, self._state = ahead[0], moved[0]
 
-    def _noise(self, links: Links, now: float) -> Array:
+    def _noise(self, links: ImuLinks, now: float) -> Array:
         """Covariance (16, 16) of what a step adds."""
         held = now < self._held_until
         fast = NOT_FREE_FAST if held else float(np.exp(self._strengths[FAST]))
@@ -194,7 +194,7 @@ class _Filter:
         of_pendulum = of_axes(links.fast * fast, SWING.start, STATE) + of_axes(links.slow * slow**2, LEAN.start, STATE)
         return np.asarray(of_pendulum[0] + np.diag(self._priors.walk**2 * links.step))
 
-    def _stand(self, links: Links) -> None:
+    def _stand(self, links: ImuLinks) -> None:
         """Take in what is known of the jib head's velocity, as the fit does."""
         velocity, resting = self._state[VELOCITY], np.abs(links.imu.rate[:, 2] - self._rest) < SLEWING
         precision = float(velocity_precision(velocity[None], resting, links.step)[0])

@@ -38,13 +38,13 @@ PARAMETERS = 11
 
 
 @dataclass(frozen=True, eq=False)
-class Links(pendulum.Links):
+class ImuLinks(pendulum.Links):
     """Steps between k consecutive nodes, and what the sensor reported in them."""
 
     imu: Preintegrated
 
     @classmethod
-    def of(cls, imu: Preintegrated, rope: Array, length: float) -> Links:
+    def of(cls, imu: Preintegrated, rope: Array, length: float) -> ImuLinks:
         """Make the steps of readings between nodes with rope lengths (k,)."""
         return cls(imu.step, rope[:-1], rope[1:], length, imu)
 
@@ -63,7 +63,7 @@ def _rates(x: Array, damping: float, rope: Array, length: float, acceleration: A
     return np.concatenate([turn, (rope[:, None] * pull - drag[:, None] * p) / length**2], axis=-1)
 
 
-def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple[Array, Array]:
+def advance(attitude: Array, x: Array, parameters: Array, links: ImuLinks) -> tuple[Array, Array]:
     """Attitudes and states one step on.
 
     Parameters
@@ -72,7 +72,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple
         Rotation from the mount frame to the level frame.
     x : ndarray, shape (k − 1, 16)
     parameters : ndarray, shape (11,)
-    links : Links
+    links : ImuLinks
 
     Returns
     -------
@@ -117,7 +117,7 @@ def place(attitude: Array, x: Array, parameters: Array, rope: Array) -> Array:
     return seen_from(now, x[:, SWING], rope, offset)
 
 
-def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: Links) -> tuple[Array, Array, Array]:
+def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: ImuLinks) -> tuple[Array, Array, Array]:
     """By how much each step misses the next node, and the derivatives of where it leads.
 
     Parameters
@@ -125,7 +125,7 @@ def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: 
     attitude : ndarray, shape (k, 3, 3)
     x : ndarray, shape (k, 16)
     parameters : ndarray, shape (11,)
-    links : Links
+    links : ImuLinks
 
     Returns
     -------

@@ -19,7 +19,7 @@ RENDERERS: tuple[type[SecondRenderer], ...] = (PyrenderProcess, EmbreeRays)  # t
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class OpenedRenderer:
     """A second renderer that works.
 
     Attributes
@@ -48,7 +48,7 @@ def install_hint() -> str:
 
 
 @contextmanager
-def open_second_renderer() -> Iterator[Choice]:
+def open_second_renderer() -> Iterator[OpenedRenderer]:
     """Open the first of `RENDERERS` that is installed and works; close it afterwards.
 
     Raises
@@ -66,7 +66,7 @@ def open_second_renderer() -> Iterator[Choice]:
             problems.append(f"{kind.package} cannot start ({' '.join(str(problem.args[0]).split())})")
             continue
         try:
-            yield Choice(renderer, "; ".join([renderer.name, *problems]))
+            yield OpenedRenderer(renderer, "; ".join([renderer.name, *problems]))
         finally:
             renderer.close()
         return

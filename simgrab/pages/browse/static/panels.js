@@ -38,7 +38,7 @@ export class Panels {
 }
 
 /** Wait until nobody typed for a moment. */
-const settled = (act, pause = 80) => {
+const debounced = (act, pause = 80) => {
   let timer;
   return () => {
     clearTimeout(timer);
@@ -63,9 +63,9 @@ const numbers = (column, panels) => {
     const free = from.value === "" && to.value === "";
     changed(name, free ? null : { from: read(from, -Infinity), to: read(to, Infinity) });
   };
-  from.addEventListener("input", settled(apply));
-  to.addEventListener("input", settled(apply));
-  const soon = settled(apply, 30);
+  from.addEventListener("input", debounced(apply));
+  to.addEventListener("input", debounced(apply));
+  const soon = debounced(apply, 30);
   brushed(drawing, column, table, (a, b) => {
     from.value = a === null ? "" : Number(a.toPrecision(6));
     to.value = b === null ? "" : Number(b.toPrecision(6));
@@ -170,7 +170,8 @@ const texts = (column, panels) => {
   const name = column.name;
   const input = make("input", { type: "search", placeholder: "contains…", maxlength: 200,
     "aria-label": `${name} contains` });
-  input.addEventListener("input", settled(() => panels.changed(name, input.value ? { text: input.value } : null), 250));
+  const filter = () => panels.changed(name, input.value ? { text: input.value } : null);
+  input.addEventListener("input", debounced(filter, 250));
   const update = () => {
     if (document.activeElement !== input) input.value = panels.table.filters.get(name)?.text ?? "";
   };

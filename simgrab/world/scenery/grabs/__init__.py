@@ -9,7 +9,7 @@ import msgspec
 
 from simgrab.errors import ScenarioError
 from simgrab.model.scenario import Grab
-from simgrab.model.scenario.grab import Looks
+from simgrab.model.scenario.grab import GrabAppearance
 from simgrab.runtime import modules
 from simgrab.world.scenery.grabs.design import Design
 
@@ -24,19 +24,19 @@ FAMILIES = {
     "mesh": ("simgrab.world.scenery.grabs.from_file", "from_file"),
 }
 
-_ANY = Looks()
+_ANY = GrabAppearance()
 
 
 def design_of(grab: Grab) -> Design:
-    """Return the design of a scenario's grab. Grabs that differ in looks alone share it, and its meshes.
+    """Return the design of a scenario's grab. Grabs that differ in appearance alone share it, and its meshes.
 
     Raises
     ------
     ScenarioError
         If the family's module is not installed, or a user's own grab cannot be read.
     """
-    looks = {name: getattr(_ANY, name) for name in Looks.__struct_fields__}
-    return _design(msgspec.structs.replace(grab, **looks))
+    shared = {name: getattr(_ANY, name) for name in GrabAppearance.__struct_fields__}
+    return _design(msgspec.structs.replace(grab, **shared))
 
 
 @lru_cache(maxsize=16)

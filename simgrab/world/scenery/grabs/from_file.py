@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError, SimgrabError, first_line
 from simgrab.io import models
-from simgrab.io.models import MOST_FACES, Model
+from simgrab.io.models import MOST_FACES, ModelFile
 from simgrab.io.parse import shown
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Mesh
 from simgrab.world.scenery.grabs import formats, kit
 from simgrab.world.scenery.grabs.design import Body, Design
 from simgrab.world.scenery.grabs.formats.contents import Contents, Shape
-from simgrab.world.scenery.grabs.looks import Looks
+from simgrab.world.scenery.grabs.looks import ShapeMaterials
 from simgrab.world.scenery.meshes.part import Part
 
 LEAST_SIDE_M, MOST_SIDE_M = 0.3, 15.0
@@ -68,7 +68,7 @@ class Piece:
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class ImportedModel:
     """What a model's file shows, as the keys turn and scale it.
 
     Attributes
@@ -97,7 +97,7 @@ def from_file(keys: Mesh) -> Design:
     return design(keys, read(keys, models.recall(keys.sha256, keys.file, _refuse)))
 
 
-def design(keys: Mesh, reading: Reading) -> Design:
+def design(keys: Mesh, reading: ImportedModel) -> Design:
     """Make a design of what a model's file shows."""
     found, origin = reading.pieces, reading.origin_m
     points = np.concatenate([piece.vertices for piece in found])
@@ -241,7 +241,7 @@ def _shifted(solid: trimesh.Trimesh, origin: Array) -> trimesh.Trimesh:
     return solid.copy().apply_translation(-origin)
 
 
-def read(keys: Mesh, model: Model) -> Reading:
+def read(keys: Mesh, model: ModelFile) -> ImportedModel:
     """Read a model as keys turn and scale it.
 
     Raises
@@ -263,19 +263,19 @@ def read(keys: Mesh, model: Model) -> Reading:
     origin = np.rint((middle.min(axis=0) + middle.max(axis=0)) / 2)
     if np.abs(origin).max() < FAR_M:
         origin = np.zeros(3)
-    looks = Looks(lambda problem: _refuse(f"{model.name}: {problem}"), painted=keys.finish == "paint")
-    found = [piece for shape, points in placed if (piece := _piece(shape, points - origin, looks))]
+    materials = ShapeMaterials(lambda problem: _refuse(f"{model.name}: {problem}"), painted=keys.finish == "paint")
+    found = [piece for shape, points in placed if (piece := _piece(shape, points - origin, materials))]
     if not found:
         raise _refuse(f"{model.name}: shows no triangles")
-    return Reading(found, origin, contents)
+    return ImportedModel(found, origin, contents)
 
 
-def usual_up(model: Model) -> str:
+def usual_up(model: ModelFile) -> str:
     """Give the axis that points up in files of a model's format."""
     return "y" if model.format in ("glb", "gltf") else "z"
 
 
-def _contents(model: Model) -> Contents:
+def _contents(model: ModelFile) -> Contents:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy's, of what is refused later
@@ -301,7 +301,7 @@ def _placed(shape: Shape, pose: Array, name: str) -> Array:
     return points
 
 
-def _piece(shape: Shape, vertices: Array, looks: Looks) -> Piece | None:
+def _piece(shape: Shape, vertices: Array, materials: ShapeMaterials) -> Piece | None:
     steel = trimesh.Trimesh(vertices, shape.faces, process=False)
     kept = np.asarray(steel.area_faces) > 1e-12
     if not kept.any():
@@ -312,7 +312,7 @@ def _piece(shape: Shape, vertices: Array, looks: Looks) -> Piece | None:
     parts = []
     turned = shape.faces.copy()
     turned[np.flatnonzero(kept)[~outwards]] = turned[np.flatnonzero(kept)[~outwards], ::-1]
-    for number, (faces, material, uv) in enumerate(looks.of(shape)):
+    for number, (faces, material, uv) in enumerate(materials.of(shape)):
         chosen = kept & faces
         if not chosen.any():
             continue

@@ -13,7 +13,7 @@ from PIL import Image, UnidentifiedImageError
 
 from simgrab.errors import SimgrabError, first_line
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import Shape, Surface
+from simgrab.world.scenery.grabs.formats.contents import FileMaterial, Shape
 from simgrab.world.scenery.meshes.paint import BARE
 from simgrab.world.scenery.meshes.part import Material, Texture
 
@@ -22,10 +22,10 @@ MOST_TEXTURE_PX = 4096
 MOST_PIXELS = 4 * MOST_TEXTURE_PX**2  # of all textures
 MOST_COLOURS = 24  # of faces; more are brought together
 
-Look = tuple[NDArray[np.bool_], Material, Array | None]
+MaterialFaces = tuple[NDArray[np.bool_], Material, Array | None]
 
 
-class Looks:
+class ShapeMaterials:
     """Materials of a model's shapes; each is made once.
 
     Parameters
@@ -41,9 +41,9 @@ class Looks:
         self._made: dict[object, Material] = {}
         self._textures: dict[bytes, Texture] = {}
 
-    def of(self, shape: Shape) -> Iterator[Look]:
+    def of(self, shape: Shape) -> Iterator[MaterialFaces]:
         """Give which faces have which material, and texture coordinates of the vertices."""
-        every, surface = np.ones(len(shape.faces), bool), shape.surface or Surface()
+        every, surface = np.ones(len(shape.faces), bool), shape.surface or FileMaterial()
         if self._painted or (shape.surface is None and shape.colours is None):
             yield every, BARE.body, None
             return
@@ -60,7 +60,7 @@ class Looks:
         for i, (red, green, blue) in enumerate(unique / 255.0):
             yield index.ravel() == i, self._material((float(red), float(green), float(blue)), texture, surface), uv
 
-    def _material(self, rgb: tuple[float, float, float], picture: bytes | None, surface: Surface) -> Material:
+    def _material(self, rgb: tuple[float, float, float], picture: bytes | None, surface: FileMaterial) -> Material:
         key = (rgb, None if picture is None else hashlib.sha256(picture).digest(), surface.specular, surface.shininess)
         if key not in self._made:
             texture = None if picture is None else self._texture(picture)

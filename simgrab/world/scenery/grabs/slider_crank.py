@@ -16,7 +16,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class State:
+class LinkageState:
     """Where the moving bodies are.
 
     Attributes
@@ -61,7 +61,7 @@ class SliderCrank:
         """Length of the arm, between its pins."""
         return float(np.hypot(*self._arm))
 
-    def at(self, jaw: float) -> State:
+    def at(self, jaw: float) -> LinkageState:
         """Solve for an opening of the jaw, rad.
 
         Raises
@@ -77,7 +77,7 @@ class SliderCrank:
         drop = np.sqrt(self.arm_m**2 - reach**2)
         beam_z = self.head_pin[1] - drop - (x * s + z * c)
         arm_angle = np.arctan2(self._arm[0], -self._arm[1]) - np.arctan2(reach, drop)
-        return State(float(beam_z), -float(jaw), float(arm_angle))
+        return LinkageState(float(beam_z), -float(jaw), float(arm_angle))
 
 
 @dataclass(frozen=True)

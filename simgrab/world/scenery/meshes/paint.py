@@ -1,4 +1,4 @@
-"""What the grab's steel looks like: paint, what wears it off, and what settles on it."""
+"""What the grab's steel looks like: paint, what wears it off, and the dust on it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Files of 3-D models, each read by its format's standard into the same shapes."""
 
-from simgrab.io.models import Model
+from simgrab.io.models import ModelFile
 from simgrab.io.parse import Refuse
 from simgrab.world.scenery.grabs.formats import gltf, obj, ply, stl
 from simgrab.world.scenery.grabs.formats.contents import Contents
@@ -8,7 +8,7 @@ from simgrab.world.scenery.grabs.formats.contents import Contents
 _READERS = {"glb": gltf.read, "gltf": gltf.read, "obj": obj.read, "ply": ply.read, "stl": stl.read}
 
 
-def read(model: Model, refuse: Refuse) -> Contents:
+def read(model: ModelFile, refuse: Refuse) -> Contents:
     """Read what a model shows.
 
     Raises

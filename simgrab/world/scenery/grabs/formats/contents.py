@@ -14,7 +14,7 @@ Faces = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class FileMaterial:
     """A material.
 
     Attributes
@@ -44,7 +44,7 @@ class Shape:
     vertices : ndarray, shape (n, 3)
         In the file's unit and axes, before ``pose``.
     faces : ndarray, shape (m, 3)
-    surface : Surface or None
+    surface : FileMaterial or None
         None where the file has no colour for it.
     uv : ndarray, shape (n, 2), or None
         Texture coordinates; v = 1 is the top of the picture.
@@ -57,7 +57,7 @@ class Shape:
     nodes: tuple[str, ...]
     vertices: Array
     faces: Faces
-    surface: Surface | None = None
+    surface: FileMaterial | None = None
     uv: Array | None = None
     colours: Array | None = None
     pose: Array = field(default_factory=lambda: np.eye(4))

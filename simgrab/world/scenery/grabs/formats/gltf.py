@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from trimesh.transformations import quaternion_matrix
 
 from simgrab.io import models
-from simgrab.io.models import MOST_NODES, Model
+from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
 from simgrab.model.srgb import encoded
@@ -32,7 +32,7 @@ _MOST_TARGETS, _MOST_JOINTS = 100, 16
 """Of morph targets that have an effect, and of joints of a vertex."""
 
 
-def read(model: Model, refuse: Refuse) -> Contents:
+def read(model: ModelFile, refuse: Refuse) -> Contents:
     """Read a glTF file or a GLB file."""
     content = models.gltf(model.format, model.data, refuse)
     for name in extensions.required(content.get("extensionsRequired", [])):
@@ -51,7 +51,7 @@ def read(model: Model, refuse: Refuse) -> Contents:
 class _Buffers:
     """What accessors give."""
 
-    def __init__(self, model: Model, content: Mapping[str, Any], refuse: Refuse) -> None:
+    def __init__(self, model: ModelFile, content: Mapping[str, Any], refuse: Refuse) -> None:
         self._model, self._content, self._refuse = model, content, refuse
         self._wholes: dict[int, memoryview] = {}
 
@@ -201,7 +201,7 @@ class _Scene:
             if "skin" in node:
                 skin = self._content["skins"][node["skin"]]
                 vertices, pose = self._skinned(primitive, vertices, skin, poses), np.eye(4)
-            surface, uv, colours = self._looks(primitive, len(vertices), faces)
+            surface, uv, colours = self._surface(primitive, len(vertices), faces)
             nodes = (name, *above) if len(mesh["primitives"]) == 1 else (f"{name}_{place}", name, *above)
             for i, instance in enumerate(places):
                 own = nodes if len(places) == 1 else (f"{nodes[0]}_{i}", *nodes)
@@ -239,7 +239,7 @@ class _Scene:
             faces = np.stack([np.full(len(corners) - 2, corners[0]), corners[1:-1], corners[2:]], axis=1)
         return (vertices, faces) if len(faces) else None
 
-    def _looks(self, primitive: dict[str, Any], count: int, faces: Faces) -> tuple[Any, Array | None, Array | None]:
+    def _surface(self, primitive: dict[str, Any], count: int, faces: Faces) -> tuple[Any, Array | None, Array | None]:
         attributes = primitive["attributes"]
         material = self._materials[primitive["material"]] if "material" in primitive else None
         uv = colours = None

@@ -47,9 +47,9 @@ DOUBTS: Mapping[str, str] = {
 
 def required(needed: object) -> list[str]:
     """Give those of a list of required extensions without which the shape would be wrong, or all that is unknown."""
-    looks = ("KHR_materials_", "KHR_lights_", "KHR_xmp")
+    shading = ("KHR_materials_", "KHR_lights_", "KHR_xmp")
     names = _listed(needed)
-    return [name for name in names if name not in READ and not _UNREAD.fullmatch(name) and not name.startswith(looks)]
+    return [name for name in names if name not in READ and not _UNREAD.fullmatch(name) and not name.startswith(shading)]
 
 
 def used(content: Mapping[str, Any]) -> list[str]:

@@ -15,7 +15,7 @@ from simgrab.io.parse import shown
 from simgrab.model.geometry import Array
 from simgrab.model.srgb import encoded
 from simgrab.world.scenery.grabs.formats import gltf_extensions as extensions
-from simgrab.world.scenery.grabs.formats.contents import Surface
+from simgrab.world.scenery.grabs.formats.contents import FileMaterial
 
 _REPEAT = 10497
 _OTHER_TEXTURES = ("normalTexture", "occlusionTexture", "metallicRoughnessTexture", "specularGlossinessTexture")
@@ -27,7 +27,7 @@ class GltfMaterial:
 
     Attributes
     ----------
-    surface : Surface
+    surface : FileMaterial
     factor : ndarray, shape (3,)
         Linear.
     uv_set : int
@@ -38,7 +38,7 @@ class GltfMaterial:
         Whether alpha is not ignored.
     """
 
-    surface: Surface
+    surface: FileMaterial
     factor: Array
     uv_set: int
     transform: Array
@@ -99,7 +99,7 @@ class Materials:
             self.doubts[f"{name} is partly transparent (alphaMode {material['alphaMode']}); it is shown opaque."] = None
         linear = np.clip(np.array(factor[:3], float), 0.0, 1.0)
         red, green, blue = (float(level) for level in encoded(linear))
-        surface = Surface((red, green, blue), data, 0.1 + 0.3 * metal, 1.0 - max(rough, 0.05))
+        surface = FileMaterial((red, green, blue), data, 0.1 + 0.3 * metal, 1.0 - max(rough, 0.05))
         return GltfMaterial(surface, linear, *_placement(texture or {}), blends)
 
     def _texture(self, texture: Mapping[str, Any], name: str) -> bytes | None:

@@ -13,10 +13,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simgrab.io import models
-from simgrab.io.models import MOST_NODES, Model
+from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
+from simgrab.world.scenery.grabs.formats.contents import (
+    Contents,
+    Faces,
+    FileMaterial,
+    Shape,
+    mean_of_corners,
+    stated_unit,
+)
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _FREE_FORM = {"vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp",
@@ -84,17 +91,17 @@ class _Text:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Material:
     """A material of a library, and what of it is not shown."""
 
-    surface: Surface = field(default_factory=Surface)
+    surface: FileMaterial = field(default_factory=FileMaterial)
     offset: tuple[float, float] = (0.0, 0.0)
     scale: tuple[float, float] = (1.0, 1.0)
     doubts: list[str] = field(default_factory=list)
     unread: set[str] = field(default_factory=set)
 
 
-def read(model: Model, refuse: Refuse) -> Contents:
+def read(model: ModelFile, refuse: Refuse) -> Contents:
     """Read an OBJ file.
 
     Its nodes are its objects, its groups, and one for each object's and group's part of a material.
@@ -106,30 +113,30 @@ def read(model: Model, refuse: Refuse) -> Contents:
         except (ValueError, IndexError, OverflowError):
             raise refuse(f"cannot read {shown(line)}") from None
     points, parts, keywords = text.points, text.parts, text.keywords
-    looks, doubts = _libraries(model)
+    library, doubts = _libraries(model)
     where = np.array(points, float).reshape(-1, 3)
     shapes = _shapes(
-        parts, where, np.array(text.uvs, float).reshape(-1, 2), _levels(text.colours, len(points)), looks, refuse
+        parts, where, np.array(text.uvs, float).reshape(-1, 2), _levels(text.colours, len(points)), library, refuse
     )
     used = dict.fromkeys(name for *_, name in parts if name)
-    unknown = [name for name in used if name not in looks]
+    unknown = [name for name in used if name not in library]
     if unknown and not model.missing:
         doubts.append(f"No material library has {_some(unknown)}: its faces are painted by paint_rgb. Name the library "
                       "by mtllib.")  # fmt: skip
     doubts += [
         f"Material {shown(name)}: faces without texture coordinates (vt) show Kd in place of its texture."
         for name in used
-        if name in looks and looks[name].surface.texture is not None
+        if name in library and library[name].surface.texture is not None
         and any(not all(part.vt) for (*_, own), part in parts.items() if own == name)
     ]  # fmt: skip
     for name in used:
-        doubts += [f"Material {shown(name)}: {doubt}" for doubt in looks.get(name, _Look()).doubts]
+        doubts += [f"Material {shown(name)}: {doubt}" for doubt in library.get(name, _Material()).doubts]
     doubts += _of_keywords(keywords)
     if b"#MRGB" in model.data:
         doubts.append("It has colours of ZBrush (#MRGB), which are not read: export them as v x y z r g b.")
-    if text.colours and any(look.surface.texture is not None for look in looks.values()):
+    if text.colours and any(entry.surface.texture is not None for entry in library.values()):
         doubts.append("Colours of vertices are left out where there is a texture.")
-    unread = sorted(set[str]().union(*(looks[name].unread for name in used if name in looks)))
+    unread = sorted(set[str]().union(*(library[name].unread for name in used if name in library)))
     if keywords & {"l", "p"}:
         unread.append("lines and points")
     comments = re.findall(rb"(?m)^[ \t]*#([^\r\n]{0,200})", model.data[:20_000])
@@ -143,7 +150,7 @@ def _absolute(index: int, count: int) -> int:
 
 
 def _shapes(
-    parts: dict[_Part, _Polygons], points: Array, uvs: Array, colours: Array | None, looks: dict[str, _Look],
+    parts: dict[_Part, _Polygons], points: Array, uvs: Array, colours: Array | None, library: dict[str, _Material],
     refuse: Refuse,
 ) -> list[Shape]:  # fmt: skip
     if len(parts) > MOST_NODES:
@@ -157,12 +164,12 @@ def _shapes(
         corners, _ = triangles(points[v], np.array(polygons.sizes, np.int64))
         if not len(corners):
             continue
-        look = looks.get(material)
-        surface, uv = None if look is None else look.surface, None
-        if look is not None and look.surface.texture is not None and (vt >= 0).any():
+        entry = library.get(material)
+        surface, uv = None if entry is None else entry.surface, None
+        if entry is not None and entry.surface.texture is not None and (vt >= 0).any():
             pairs, inverse = np.unique(np.stack([v, vt], axis=1)[corners.ravel()], axis=0, return_inverse=True)
             used, faces = pairs[:, 0], inverse.reshape(-1, 3)
-            uv = np.where(pairs[:, 1:] >= 0, uvs[pairs[:, 1]], 0.0) * look.scale + look.offset
+            uv = np.where(pairs[:, 1:] >= 0, uvs[pairs[:, 1]], 0.0) * entry.scale + entry.offset
         else:
             if surface is not None:
                 surface = replace(surface, texture=None)
@@ -214,9 +221,9 @@ def _some(names: Iterable[str]) -> str:
 # Material libraries.
 
 
-def _libraries(model: Model) -> tuple[dict[str, _Look], list[str]]:
+def _libraries(model: ModelFile) -> tuple[dict[str, _Material], list[str]]:
     """Read the materials of all libraries that the file names."""
-    looks: dict[str, _Look] = {}
+    library: dict[str, _Material] = {}
     doubts = []
     if b"mtllib" in model.data:
         for line in models.lines(model.data):
@@ -224,12 +231,12 @@ def _libraries(model: Model) -> tuple[dict[str, _Look], list[str]]:
                 data = model.files.named(name, model.name)
                 if data is not None:
                     found = _library(model, name, data)
-                    looks = found | looks
+                    library = found | library
                     doubts += [] if found else [f"The material library {shown(name)} has no material (newmtl)."]
-    return looks, doubts
+    return library, doubts
 
 
-def _library(model: Model, file: str, data: bytes) -> dict[str, _Look]:
+def _library(model: ModelFile, file: str, data: bytes) -> dict[str, _Material]:
     stated: dict[str, dict[str, tuple[str, str]]] = {}  # by material and keyword in lower case: the line's two ends
     own: dict[str, tuple[str, str]] = {}
     for line in models.lines(data):
@@ -238,10 +245,10 @@ def _library(model: Model, file: str, data: bytes) -> dict[str, _Look]:
             own = stated[value.strip()] = {}
         elif value.strip() or key.lower() not in ("map_kd", "map_d"):
             own[key.lower()] = key, value.strip()
-    return {name: _look(model, file, lines) for name, lines in stated.items()}
+    return {name: _material(model, file, lines) for name, lines in stated.items()}
 
 
-def _look(model: Model, file: str, lines: dict[str, tuple[str, str]]) -> _Look:
+def _material(model: ModelFile, file: str, lines: dict[str, tuple[str, str]]) -> _Material:
     """Make a material of its lines."""
     doubts, rgb, texture, scale, offset = list[str](), (1.0, 1.0, 1.0), None, (1.0, 1.0), (0.0, 0.0)
     if "kd" in lines:
@@ -272,7 +279,7 @@ def _look(model: Model, file: str, lines: dict[str, tuple[str, str]]) -> _Look:
         kd = " ".join(f"{level:.3g}" for level in rgb)
         doubts.append(f"its texture is darkened by Kd {kd}, as the format says: set Kd 1 1 1 if it is too dark.")
     unread = {word for key, (word, _) in lines.items() if key in _PLAIN_MAPS}
-    return _Look(Surface(rgb, texture), offset, scale, doubts, unread)
+    return _Material(FileMaterial(rgb, texture), offset, scale, doubts, unread)
 
 
 def _number(word: str) -> float | None:

@@ -12,10 +12,17 @@ import trimesh
 from numpy.typing import NDArray
 
 from simgrab.io import models
-from simgrab.io.models import MOST_FACES, Model
+from simgrab.io.models import MOST_FACES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, Surface, mean_of_corners, stated_unit
+from simgrab.world.scenery.grabs.formats.contents import (
+    Contents,
+    Faces,
+    FileMaterial,
+    Shape,
+    mean_of_corners,
+    stated_unit,
+)
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _TYPES = {
@@ -33,7 +40,7 @@ Lists = tuple[Column, Faces]
 """Values of all lists, one after the other, and how long each is."""
 
 
-def read(model: Model, refuse: Refuse) -> Contents:
+def read(model: ModelFile, refuse: Refuse) -> Contents:
     """Read a PLY file."""
     header = models.header(model.data)
     elements = _elements(model.data, header, refuse)
@@ -81,10 +88,10 @@ def read(model: Model, refuse: Refuse) -> Contents:
     return Contents(tuple(shapes), *doubts)
 
 
-def _textured(model: Model, name: str) -> Surface | None:
+def _textured(model: ModelFile, name: str) -> FileMaterial | None:
     """Give a surface with a texture of the model's folder; None where it is not there."""
     picture = model.files.named(name, model.name)
-    return None if picture is None else Surface(texture=picture)
+    return None if picture is None else FileMaterial(texture=picture)
 
 
 def _with_strips(indices: Faces, sizes: Faces, strips: Faces) -> tuple[Faces, Faces]:
@@ -121,7 +128,7 @@ def _uv(vertex: dict[str, Any], face: dict[str, Any], indices: Faces) -> Array |
     return np.asarray(np.stack([vertex[name].astype(float) for name in names], axis=1)[indices])
 
 
-def _doubts(model: Model, elements: dict[str, dict[str, Any]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _doubts(model: ModelFile, elements: dict[str, dict[str, Any]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     doubts, unread = [], []
     for name, element in elements.items():
         alpha = next((element[a] for a in ("alpha", "a", "diffuse_alpha") if a in element), None)

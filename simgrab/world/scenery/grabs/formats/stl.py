@@ -10,7 +10,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.io.models import Model
+from simgrab.io.models import ModelFile
 from simgrab.io.parse import Refuse
 from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.formats.contents import Contents, Shape, stated_unit
@@ -20,7 +20,7 @@ _SOLID = re.compile(r"(?ims)^[ \t]*solid\b[ \t]*([^\r\n]*)(.*?)(?=^[ \t]*endsoli
 _VERTEX = re.compile(r"(?i)\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
 
-def read(model: Model, refuse: Refuse) -> Contents:
+def read(model: ModelFile, refuse: Refuse) -> Contents:
     """Read an STL file."""
     data = model.data
     if len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
