@@ -244,7 +244,7 @@ def test_the_grabs_class_is_chosen(tmp_path, make):
         as_yolo(tmp_path, ["a/1.png"], LINE + "1 0.5 0.5 0.1 0.1\n", "train: images\nnames: [grab, ship]\n")
     else:
         as_coco(tmp_path, ["a/1.png"], classes=("grab", "ship"))
-    with pytest.raises(DatasetError, match=r"--grab-class; its classes: 'grab', 'ship'"):
+    with pytest.raises(DatasetError, match=r"--grab-class\. Its classes: 'grab', 'ship'"):
         boxed.read(tmp_path)
     with pytest.raises(DatasetError, match="no class 'crab'; its classes: 'grab', 'ship'"):
         boxed.read(tmp_path, ["crab"])
@@ -366,7 +366,7 @@ def test_key_points_that_are_not_stated_are_refused(tmp_path, line, description,
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"labels": [CROWD]}, "image 'a/1.png': the grab has no box but a region marked iscrowd"),
+        ({"labels": [CROWD]}, "image 'a/1.png': the grab has only a region marked iscrowd"),
         ({"labels": [{"id": 1, "image_id": 1, "category_id": 1, "segmentation": []}]}, "missing required field `bbox`"),
         ({"labels": [LABEL | {"bbox": [0.125, 0.1, 0.25, 0.4]}]}, "smaller than a pixel; is it in px?"),
         ({"labels": [LABEL], "classes": [CLASS, CLASS | {"name": "ship"}]}, "category 1 is listed twice"),
@@ -409,7 +409,7 @@ def test_coco_labels_that_do_not_fit_are_refused(tmp_path, change, problem):
         (json.dumps(coco_of(["a/1.png"], classes=())).encode(), "category 1, which is not listed"),
         (json.dumps(coco_of(["a/1.png"]) | {"images": []}).encode(), "image 0, which is not listed"),
         (json.dumps(coco_of([])).encode(), "contains no images"),
-        (json.dumps(coco_of(["a/1.png"] * 2)).encode(), "is an image of"),
+        (json.dumps(coco_of(["a/1.png"] * 2)).encode(), "is also an image of"),
         (json.dumps(coco_of(["../../outside.png"])).encode(), "is not in the dataset"),
     ],
 )
@@ -431,7 +431,7 @@ def test_coco_files_that_are_none_are_refused(tmp_path, content, problem):
         (f"train: {':'.join('1' * 400)}.0", "not valid YAML"),
         ("train: &a [*a]\nnames: [grab]", "must name folders"),
         ("train: images", "names must list the classes"),
-        ("names: [grab]", "names no train, val or test"),
+        ("names: [grab]", "train, val and test are all missing"),
         ("train: gone\nnames: [grab]", "neither a folder nor"),
         ("train: ../other\nnames: [grab]", "is not in the dataset"),
         ("train: /etc\nnames: [grab]", "is not in the"),
@@ -439,7 +439,7 @@ def test_coco_files_that_are_none_are_refused(tmp_path, content, problem):
         ("train: {a: b}\nnames: [grab]", "must name folders"),
         ("train: images\nnames: [[a]]", "names must list"),
         ("path: 3\ntrain: images\nnames: [grab]", "path must be text"),
-        ("path: /gone\ntrain: images\nnames: [grab]", "path names '/gone', which is not a folder; leave it out"),
+        ("path: /gone\ntrain: images\nnames: [grab]", "path names '/gone', which is not a folder; without this key"),
         ("train: images\nnames: {grab: 0}", "names must list the classes, such as [grab] or {0: grab}"),
         ("train: list.txt\nnames: [grab]", "is not in the dataset"),
     ],

@@ -134,6 +134,6 @@ def test_the_second_of_two_runs_is_refused(tmp_path):
             (tmp_path / "out").mkdir()
             (tmp_path / "out" / "theirs").touch()
 
-    with pytest.raises(RunError, match="out was written meanwhile, by another run; choose another --out"):
+    with pytest.raises(RunError, match="out was written by another run in the meantime; choose another --out"):
         second()
     assert [path.name for path in tmp_path.rglob("*")] == ["out", "theirs"]

@@ -283,7 +283,7 @@ def test_what_is_no_factor_is_refused(value, state):
 
 
 def test_setting_and_varying_a_key_in_one_call_is_refused():
-    with pytest.raises(ScenarioError, match=r"camera\.beta_deg: is set and varies in the same call"):
+    with pytest.raises(ScenarioError, match=r"camera\.beta_deg: the same call sets and varies"):
         scenes.load("quay-day", {"clip.clip_frames": 2, "vary": {"camera.beta_deg": UNIFORM}, "camera.beta_deg": 2.5})
 
 

@@ -29,10 +29,10 @@ def cli() -> None:
 
 
 def main(command: click.Command = cli) -> NoReturn:
-    """Run the command line. What the terminal's encoding lacks is printed as its escapes.
+    """Run the command line. Characters that the terminal's encoding lacks are printed as escapes.
 
-    Exit status: 0 done, 1 a check failed or nothing measured, 2 bad input; interrupted, 128 + the signal's number,
-    which is 130 for Ctrl-C.
+    Exit status: 0 done; 1 a check failed, or nothing was measured; 2 bad input; 128 + the signal's number after an
+    interrupt (130 for Ctrl-C).
     """
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own crashes where memory is limited
     warnings.filterwarnings("ignore", module="PIL")  # of damaged EXIF
@@ -53,7 +53,7 @@ def main(command: click.Command = cli) -> NoReturn:
 
 
 def _open_closed_streams() -> None:
-    """Open the null device in the place of a standard stream that is closed.
+    """Open the null device in place of a closed standard stream.
 
     Else a file would take its number, into which libraries and worker processes would print.
     """
@@ -113,7 +113,7 @@ def _report(line: str) -> None:
 
 
 def _drop_unprintable() -> None:
-    """Drop what cannot be printed, of which Python would complain once more when it ends."""
+    """Drop output that cannot be printed. Python would report it again at exit."""
     for stream in (sys.stdout, sys.stderr):
         try:
             if stream is not None:
@@ -140,7 +140,7 @@ def _line(problem: Exception) -> str | None:
 
 
 def _damaged_bytecode(problem: Exception) -> str | None:
-    """Return the compiled module that Python could not read, where that is the problem."""
+    """Return the compiled module that Python could not read; None if the error is another one."""
     frames = [frame for frame, _ in traceback.walk_tb(problem.__traceback__)]
     reads = frames and frames[-1].f_code.co_name == "_compile_bytecode"  # of importlib, as it loads what was compiled
     return frames[-1].f_locals.get("bytecode_path") if reads else None

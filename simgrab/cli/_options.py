@@ -15,7 +15,7 @@ from simgrab.io.stores import is_url
 
 
 class _Place(click.Path):
-    """A path; an empty one, which would be the working folder, is a slip."""
+    """A path. An empty path is refused: it would mean the working folder."""
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Refuse what is empty."""
@@ -25,21 +25,21 @@ class _Place(click.Path):
 
 
 class _Destination(_Place):
-    """A path to write to, which is checked before the verb's own modules are imported, which takes seconds."""
+    """A path to write to. It is checked first, because importing the command's modules takes seconds."""
 
     def __init__(self, check: Callable[..., None], error: type[SimgrabError] = RunError) -> None:
         super().__init__(path_type=Path)
         self._check, self._error = check, error
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Refuse what cannot be written."""
+        """Refuse a path that cannot be written."""
         path = super().convert(value, param, ctx)
         self._check(path, self._error, param.opts[0] if param else "path")
         return path
 
 
 class _FolderOrUrl(_Destination):
-    """A folder to write to, or the URL of a store, which is looked at when it is used."""
+    """A folder to write to, or the URL of a store. A URL is checked only when it is used."""
 
     name = "path or URL"
 

@@ -23,7 +23,7 @@ class Board:
         self.bars = bars
 
     def step(self, name: str, unit: str = "", *, whole: bool = True) -> Counts:
-        """Begin a step; with a ``unit`` its speed is shown. One that is not ``whole`` is shown while it lasts."""
+        """Begin a step; with a ``unit`` its speed is shown. If not ``whole``, it is shown only while it runs."""
         task = self.bars.add_task(name, total=None, rate="", visible=whole)
 
         def progress(done: int, total: int | None) -> None:
@@ -61,7 +61,7 @@ def bar(what: str, *, shown: bool, unit: str = "frames") -> Iterator[Counts]:
 
 @contextmanager
 def drawing(what: str = "rendering", *, shown: bool) -> Iterator[tuple[Counts, Counts]]:
-    """Show the progress of frames, and of a scene's many worlds while they are checked; gives what takes each."""
+    """Show the progress of frames, and of the check of many worlds; yields the two functions to call with each."""
     with board(shown=shown) as shows:
         checking = shows.step("checking worlds", "worlds", whole=False)
         yield shows.step(what, "frames"), checking
@@ -69,7 +69,7 @@ def drawing(what: str = "rendering", *, shown: bool) -> Iterator[tuple[Counts, C
 
 @contextmanager
 def steps(*, shown: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """Show a bar for each step; gives what takes a step's name, how much is done, and how much there is."""
+    """Show a bar for each step; yields a function of a step's name, the amount done and the total."""
     with board(shown=shown) as shows:
         each = functools.cache(shows.step)
         yield lambda name, done, total: each(name)(done, total)

@@ -12,7 +12,7 @@ from simgrab.io.stores import is_url
 
 @contextmanager
 def resumable(*places: Path | str) -> Iterator[None]:
-    """Add the way to go on to the line that is printed after an interrupt, or after workers died."""
+    """Add advice on how to resume to the line printed after an interrupt, or after workers died."""
     advice = f"run the same command with --resume to continue in {' and '.join(map(str, places))}"
     try:
         yield

@@ -48,7 +48,7 @@ extension_options = together(
 
 
 def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **short: float | None) -> Scenario:
-    """Read the scene that the options describe; short options win over ``--set``, and ``--size`` comes last."""
+    """Read the scene that the options describe; short options override ``--set``, and ``--size`` is applied last."""
     from simgrab.model import scenes
     from simgrab.model.scenario import Dynamic
 

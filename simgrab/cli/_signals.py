@@ -1,4 +1,4 @@
-"""Signals that end a command, which then leaves nothing half done behind."""
+"""Signals that end a command without leaving partial output."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ TOGETHER_S = 1.0  # within which signals are one: `timeout` sends its own twice,
 
 
 class Stopped(KeyboardInterrupt):
-    """The command was asked to end. Whatever cleans up at Ctrl-C cleans up."""
+    """The command was asked to end. It passes through the same clean-up as Ctrl-C."""
 
 
 @dataclass
 class Received:
-    """The signal that asked the command to end; None as long as none did."""
+    """The signal that asked the command to end; None before any has."""
 
     number: int | None = None
 
 
 @contextmanager
 def stoppable() -> Iterator[Received]:
-    """Let the first of these signals raise `Stopped`, once, and a second one end the process at once.
+    """Raise `Stopped` at the first of these signals; end the process at the second.
 
     Python raises only between two of its own instructions: while a library computes or waits, the first signal is
-    pending. The second is waited for by a thread, which needs no such moment. Signals that are ignored stay ignored.
+    pending. A thread waits for the second signal, so that it takes effect at any time. Signals that are ignored stay
+    ignored.
     """
     received = Received()
 

@@ -1,4 +1,4 @@
-"""The commands, by name: where each is defined, and its line in the list. Only the one that is run is imported."""
+"""The commands by name, each with its module and its line in the list. Only the module that is run is imported."""
 
 from __future__ import annotations
 

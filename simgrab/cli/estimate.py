@@ -35,7 +35,7 @@ def command(
     from simgrab.instrument.estimate import measure as judge
 
     if imu is not None and estimator is not None:
-        raise click.UsageError("--imu has an estimator of its own; leave out --estimator.")
+        raise click.UsageError("--imu selects its own estimator; leave out --estimator.")
     beside = file.with_name(f"{file.stem}.estimate.png") if file.name else Path("record.estimate.png")
     target = figure or beside
     if not no_figure:

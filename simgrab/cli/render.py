@@ -60,7 +60,7 @@ def command(
     for doubt in () if quiet else doubts_of_axis(scenario.grab):
         click.echo(printable(f"grab.file: {doubt}"), err=True)
     if cluster is not None and workers is not None:
-        raise click.UsageError("--cluster works in place of --workers: give one of them")
+        raise click.UsageError("--cluster replaces --workers: give only one of them")
     if cluster is not None:
         workers, how = 1, f"rendered by the cluster at {cluster}"
     elif workers is None:

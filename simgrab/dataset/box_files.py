@@ -88,7 +88,7 @@ def parse(path: Path) -> BoxDataset:
 
 
 def _within(root: Path, path: Path, where: object) -> Path:
-    """Path of a file below the dataset's folder; refuse one that leads out of it, by its name or as a link."""
+    """Path of a file below the dataset's folder; refuse a path that leads out of it, by its name or through a link."""
     folder, normal = Path(os.path.abspath(root)), Path(os.path.abspath(path))  # noqa: PTH100
     try:
         os.path.relpath(normal, folder).encode()
@@ -123,8 +123,8 @@ def _yolo(root: Path, description: Path | None) -> BoxDataset:
     }  # fmt: skip
     if texts and not lines:
         raise DatasetError(
-            f"{root}: no image has a label file, such as {next(iter(texts.values()))}: they lie beside the images, or "
-            "in a folder labels in place of images"
+            f"{root}: no image has a label file, such as {next(iter(texts.values()))}; put label "
+            "files beside the images, or into a folder labels instead of images"
         )
     if key_points is None and about.get("task") not in _TASKS_OF_POLYGONS:
         _refuse_key_points([numbers for some in lines.values() for _, numbers in some], root)
@@ -165,7 +165,7 @@ def _names(about: Mapping[str, Any], path: Path | None) -> dict[int, str]:
 
 
 def _key_points(about: Mapping[str, Any], path: Path | None) -> tuple[int, int] | None:
-    """How many key points follow a box, and of how many values each is; None where that is not stated."""
+    """Read how many key points follow a box, and how many values each has; None if not stated."""
     shape = about.get("kpt_shape")
     if shape is None:
         return None
@@ -179,7 +179,7 @@ def _listed(root: Path, about: Mapping[str, Any], path: Path) -> Iterator[tuple[
     base = _base(root, about.get("path") or ".", f"{path}: path")
     keys = [key for key in about if str(key).lower() in SPLIT_NAMES and about[key]]
     if not keys:
-        raise DatasetError(f"{path}: it names no train, val or test")
+        raise DatasetError(f"{path}: train, val and test are all missing")
     for key in keys:
         for entry in about[key] if isinstance(about[key], list) else [about[key]]:
             if not isinstance(entry, str):
@@ -199,17 +199,17 @@ def _listed(root: Path, about: Mapping[str, Any], path: Path) -> Iterator[tuple[
 
 
 def _base(root: Path, stated: object, where: str) -> Path:
-    """Folder that a ``data.yaml`` states: relative to itself, or to the working folder as trainers have it."""
+    """Folder that a ``data.yaml`` states, relative to the file or, as trainers read it, to the working folder."""
     if not isinstance(stated, str):
         raise DatasetError(f"{where} must be text")
     base = _first([root, Path()], stated)
     if not is_dir(base, DatasetError):
-        raise DatasetError(f"{where} names {shown(stated)}, which is not a folder; leave it out: {root} is taken then")
+        raise DatasetError(f"{where} names {shown(stated)}, which is not a folder; without this key, {root} is used")
     return _within(root, base, where)
 
 
 def _first(folders: Iterable[Path], name: str) -> Path:
-    """Path that a file names, in the first of the folders that has it, or else in the first."""
+    """Path that a file names: in the first folder that contains it, or else in the first folder."""
     paths = [_joined(folder, name) for folder in folders]
     return next((path for path in paths if os.path.lexists(path)), paths[0])
 
@@ -221,7 +221,7 @@ def _joined(folder: Path, name: str) -> Path:
 
 
 def _found(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
-    """Images in a folder and below, with the split that the name of a folder gives."""
+    """Images in a folder and its subfolders, each with the split that a folder's name gives."""
     for path in pictures.of(folder, below=True):
         file = _within(root, path, folder)
         words = [part.lower() for part in file.relative_to(root).parts[:-1]]
@@ -229,7 +229,7 @@ def _found(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _label_file(root: Path, image: Path) -> Path:
-    """Label file of an image: in ``labels`` in place of the last ``images`` of its path, or else beside it."""
+    """Label file of an image: the last ``images`` in its path replaced by ``labels``, or else beside the image."""
     parts = list(image.relative_to(root).parts)
     if "images" in parts[:-1]:
         parts[len(parts) - 2 - parts[-2::-1].index("images")] = "labels"
@@ -270,7 +270,7 @@ def _number(text: str) -> float:
 
 
 def _miscounted(count: int, key_points: tuple[int, int] | None) -> str:
-    """Say why a line cannot have so many values after its class; empty where it can."""
+    """Return why a line cannot have this number of values after its class; empty if it can."""
     if key_points is not None:
         known, each = key_points
         whole = 4 + known * each
@@ -285,7 +285,7 @@ def _miscounted(count: int, key_points: tuple[int, int] | None) -> str:
 
 
 def _refuse_key_points(rows: Iterable[Array], root: Path) -> None:
-    """Refuse lines that may be boxes with key points: all are equally long, and begin with a box in the image."""
+    """Refuse lines that may be boxes with key points: equally long lines that each begin with a box in the image."""
     longer = [row for row in rows if len(row) > 4]
     counts = {len(row) for row in longer}
     if len(counts) != 1:
@@ -363,14 +363,14 @@ def _matching(folder: Path, pattern: str) -> list[Path]:
 
 
 def _coco(root: Path, paths: list[Path]) -> BoxDataset:
-    """Parse COCO files, of one split each, as far as their names or their folders' name one."""
+    """Parse COCO files. Each has one split, if its name or its folder's name states one."""
     images, classes = dict[str, BoxedImage](), dict[str, None]()
     for path in paths:
         known = _instances(path)
         classes |= dict.fromkeys(category.name for category in known.categories)
         for image in _coco_images(root, path, known):
             if image.file in images:
-                raise DatasetError(f"{path}: {image.file} is an image of {images[image.file].where} too")
+                raise DatasetError(f"{path}: {image.file} is also an image of {images[image.file].where}")
             images[image.file] = image
     return BoxDataset(root, tuple(classes), tuple(image for _, image in sorted(images.items())))
 
@@ -419,7 +419,7 @@ def _key(number: _Id) -> str:
 
 
 def _coco_split(root: Path, path: Path) -> str:
-    """Split that the words of a file's name, or its folder in the dataset, name; else none."""
+    """Split named in a file's name or in its folder's name; empty if neither names one."""
     words = re.findall("[a-z]+", path.stem.lower())
     if path.parent != root:
         words.append(path.parent.name.lower())

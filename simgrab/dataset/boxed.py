@@ -1,6 +1,6 @@
 """Datasets of frames that simgrab did not render, such as real ones: boxes in YOLO's or COCO's layout, split by video.
 
-`simgrab.dataset.box_files` parses the files. What leads out of the dataset is refused.
+`simgrab.dataset.box_files` parses the files. Paths that lead out of the dataset are refused.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class BoxedDataset:
     named: bool
 
     def split(self, *names: str) -> BoxedDataset:
-        """Keep the frames of some splits, maybe none."""
+        """Keep the frames of some splits. The result may be empty."""
         return replace(self, rows=tuple(row for row in self.rows if row.split in names))
 
     @property
@@ -68,13 +68,13 @@ class BoxedDataset:
 def read(path: str | Path, grab_classes: Collection[str] = ()) -> BoxedDataset:
     """Read a dataset of boxes: a folder in YOLO's or COCO's layout, a ``data.yaml`` or a COCO file.
 
-    Every picture is decoded once, for its size and to find what cannot be read.
+    Every picture is decoded once, to get its size and to find files that cannot be read.
 
     Parameters
     ----------
     path : path
     grab_classes : collection of str
-        Classes that are the grab; needed where the dataset has several. Boxes of other classes are left out.
+        Classes that are the grab; required if the dataset has several classes. Boxes of other classes are left out.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def read(path: str | Path, grab_classes: Collection[str] = ()) -> BoxedDataset:
         raise DatasetError(f"{path} is a dataset that simgrab rendered, not one of real frames")
     layout = parse(path)
     if not layout.images:
-        raise DatasetError(f"{path} contains no images, or none that its labels name")
+        raise DatasetError(f"{path} contains no images that its labels name")
     wanted = _grabs(layout, grab_classes, path)
     rows = [_row(layout, image, wanted, i) for i, image in enumerate(layout.images)]
     named = {image.split for image in layout.images} == set(SPLITS)
@@ -97,7 +97,7 @@ def read(path: str | Path, grab_classes: Collection[str] = ()) -> BoxedDataset:
 
 
 def read_all(paths: Sequence[str | Path], grab_classes: Collection[str] = ()) -> tuple[BoxedDataset, ...]:
-    """Read datasets as `read` does. Where there are several, the names of their videos begin with the dataset's."""
+    """Read datasets as `read` does. If there are several datasets, each video's name begins with its dataset's name."""
     found = [(str(path), read(path, grab_classes)) for path in paths]
     if len(found) < 2:
         return tuple(dataset for _, dataset in found)
@@ -118,8 +118,8 @@ def video_of(file: str) -> str:
     Returns
     -------
     str
-        The folders that the file is in, without those of the layout (``images``, ``train``, …). Where there is none,
-        the file's name without its frame number. Where that is all of its name, the folder.
+        The folders that the file is in, without those of the layout (``images``, ``train``, …). Without such a folder:
+        the file's name without its frame number. If that leaves no name: the dataset's folder.
 
     Examples
     --------
@@ -138,8 +138,8 @@ def video_of(file: str) -> str:
 def splits(videos: Iterable[str]) -> dict[str, str]:
     """Split videos by a hash of their names: 70 % train, 15 % val, 15 % test.
 
-    Further videos do not change the split of the others, except where there are so few that a split would be empty: of
-    two videos one is test, of three or more each split gets at least one, and one alone is train.
+    Adding videos does not change the split of the others, unless a split would be empty. A single video is train; of
+    two, one is test; of three or more, each split gets at least one.
     """
     ordered = sorted(set(videos), key=lambda name: (_hash(name), name))
     hashes = np.array([_hash(name) for name in ordered])
@@ -179,12 +179,12 @@ def _grabs(layout: BoxDataset, wanted: Collection[str], path: Path) -> set[str]:
             raise DatasetError(f"{path} has no class {' or '.join(map(shown, wanted))}; its classes: {known or 'none'}")
         return set(wanted)
     if len(layout.classes) > 1:
-        raise DatasetError(f"{path} has several classes: name that of the grab by --grab-class; its classes: {known}")
+        raise DatasetError(f"{path} has several classes; name the grab's class by --grab-class. Its classes: {known}")
     return set(layout.classes)
 
 
 def _row(layout: BoxDataset, image: BoxedImage, wanted: set[str], number: int) -> Boxed:
-    """Make a row of an image, once it is decoded."""
+    """Decode an image, and make its row."""
     file = layout.root / image.file
     data = read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES)
     height, width = pictures.decode(data, file).shape[:2]
@@ -199,7 +199,7 @@ def _row(layout: BoxDataset, image: BoxedImage, wanted: set[str], number: int) -
         )
     if not boxes and image.crowds & wanted:
         raise DatasetError(
-            f"{image.where}: the grab has no box but a region marked iscrowd; if it shows one grab, set iscrowd to 0"
+            f"{image.where}: the grab has only a region marked iscrowd; if the region shows one grab, set iscrowd to 0"
         )
     edges = dict(zip(("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), *boxes, strict=True)) if boxes else {}
     return Boxed(
@@ -209,7 +209,7 @@ def _row(layout: BoxDataset, image: BoxedImage, wanted: set[str], number: int) -
 
 
 def _inside(box: Array, width: int, height: int, image: BoxedImage) -> list[float]:
-    """Clip what rounding leaves outside of the picture; refuse a box that is none or lies outside."""
+    """Clip a box to the picture, within rounding; refuse a box that is empty or lies outside."""
     size = np.array([width, height] * 2, float)
     clipped = np.clip(box, 0, size)
     if not np.isfinite(box).all() or np.abs(box - clipped).max() > ROUNDING_PX:

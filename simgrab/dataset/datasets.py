@@ -53,7 +53,7 @@ class ShardCounts(msgspec.Struct, frozen=True):
     Attributes
     ----------
     frames : int
-        Of each shard; the last one may have fewer.
+        Frames of each shard; the last one may have fewer.
     splits : tuple of tuple of 3 int
         Of each shard, its frames in train, val and test.
     """
@@ -63,7 +63,7 @@ class ShardCounts(msgspec.Struct, frozen=True):
 
 
 class Manifest(msgspec.Struct, frozen=True):
-    """What of a manifest is read without the scenario as a whole."""
+    """The part of a manifest that is read without parsing the scenario."""
 
     scenario: _Scenario
     digest: str
@@ -78,14 +78,14 @@ class Manifest(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class DatasetIdentity:
-    """What names a dataset.
+    """The name and digests of a dataset.
 
     Attributes
     ----------
     scenario : str
         Its name.
     scenario_digest, labels_sha256 : str
-        Of the scenario, from the manifest; of ``labels.parquet``.
+        Digest of the scenario, from the manifest, and SHA-256 of ``labels.parquet``.
     seed, frames : int
     """
 
@@ -97,30 +97,30 @@ class DatasetIdentity:
 
 
 class DatasetFiles(Protocol):
-    """Where a dataset keeps pictures and masks. Whatever cannot be read raises `DatasetError`."""
+    """Where a dataset keeps pictures and masks. A file that cannot be read raises `DatasetError`."""
 
     def path(self, row: Row) -> Path | None:
         """Path of a row's picture; None where it is part of another file."""
 
     def content(self, row: Row) -> bytes:
-        """Read a row's picture file, which must have the digest that the row states."""
+        """Read a row's picture file, and check it against the row's digest."""
 
     def buffers(self, row: Row) -> dict[str, bytes]:
-        """Read a row's PNG files of ids and of depth, by these names, as far as they are stored."""
+        """Read a row's PNG files, by name (``ids``, ``depth``), of those that are stored."""
 
     def mask(self, row: Row) -> Coded | None:
         """Look up a row's mask; None where the labels hold none."""
 
     def name(self, row: Row) -> str:
-        """Give what messages call a row's picture."""
+        """Return the name of a row's picture in messages."""
 
     def mask_name(self, row: Row) -> str:
-        """Give what messages call the file that holds a row's mask."""
+        """Return the name, in messages, of the file that holds a row's mask."""
 
 
 @dataclass(frozen=True)
 class LabelledFrame(Labelled):
-    """One frame of a dataset: what is known of it, and its picture and mask, decoded each time they are asked for.
+    """One frame of a dataset: its labels, its picture and its mask. Picture and mask are decoded at each access.
 
     Pixels are continuous: (0, 0) is the outer corner of the top-left pixel. Poses are in metres, in the jib frame.
 
@@ -143,12 +143,12 @@ class LabelledFrame(Labelled):
 
     @property
     def content(self) -> bytes:
-        """The picture file; raises `DatasetError` where it is not the labels'."""
+        """Content of the picture file; raises `DatasetError` if its digest differs from the labels'."""
         return self._files.content(self.truth)
 
     @property
     def buffers(self) -> dict[str, bytes]:
-        """PNG files of ``ids`` and of ``depth``, as far as the dataset stores them."""
+        """PNG files of ``ids`` and ``depth``, if the dataset stores them."""
         return self._files.buffers(self.truth)
 
     @property
@@ -158,7 +158,7 @@ class LabelledFrame(Labelled):
 
     @property
     def picture(self) -> NDArray[np.uint8]:
-        """RGB, shape (height, width, 3); raises `DatasetError` where the file is not the labels' picture."""
+        """RGB, shape (height, width, 3); raises `DatasetError` if the file's digest differs from the labels'."""
         return pictures.decode(self.content, self._files.name(self.truth))
 
     @property
@@ -205,18 +205,18 @@ class _Folder:
 
 
 class RowStore(Protocol):
-    """The rows of a dataset or of one of its splits, by frame, with where the files of each are."""
+    """The rows of a dataset, or of one of its splits, by frame, and the places of their files."""
 
     def __len__(self) -> int: ...
 
     def at(self, positions: range) -> Iterator[tuple[Row, DatasetFiles]]:
-        """Give the rows at some positions, in that order."""
+        """Return the rows at these positions, in this order."""
 
     def find(self, number: int) -> int:
-        """Position of a frame; raises `KeyError` where it is not there."""
+        """Position of a frame; raises `KeyError` if there is no such frame."""
 
     def split(self, name: str) -> RowStore:
-        """Keep those of a split."""
+        """Keep the rows of one split."""
 
 
 @dataclass(frozen=True)
@@ -246,17 +246,17 @@ class FolderRows:
 class Dataset(Sequence[LabelledFrame]):
     """A rendered dataset, as a sequence of its frames; a slice of it, or a split, is a dataset again.
 
-    Labels of a dataset of shards are read shard by shard, and the few shards used last are kept. Taken in order, its
-    frames come with pictures that were read some megabytes at a time; a single frame's picture is read alone.
+    Labels of a dataset of shards are read shard by shard, and the few shards used last are kept. Iteration reads
+    pictures several megabytes at a time; access to a single frame reads its picture alone.
 
     Attributes
     ----------
     store : Store
-        Where its files lie.
+        Place of its files.
     data : DatasetIdentity
-        What names it.
+        The dataset's name and digests.
     least_visible_fraction : float
-        From which on the dataset's detection labels hold a box.
+        Least visible fraction at which the dataset's detection labels contain a box.
     """
 
     store: Store
@@ -267,7 +267,7 @@ class Dataset(Sequence[LabelledFrame]):
 
     @property
     def path(self) -> Path:
-        """Folder of a dataset that lies in one; raises `DatasetError` for another."""
+        """Folder of the dataset; raises `DatasetError` if it is not stored in a folder."""
         if self.store.folder is None:
             raise DatasetError(f"{self.store.place} is not a folder")
         return self.store.folder
@@ -305,12 +305,12 @@ class Dataset(Sequence[LabelledFrame]):
         return LabelledFrame(row, self.is_labelled(row), files)
 
     def frame(self, number: int) -> LabelledFrame:
-        """Give the frame of this number, which `simgrab.model.truth.Row.frame` holds.
+        """Return the frame with this number (`simgrab.model.truth.Row.frame`).
 
         Raises
         ------
         KeyError
-            If it is not among them.
+            If the dataset has no such frame.
         """
         with contextlib.suppress(KeyError):
             position = self._rows.find(operator.index(number))
@@ -333,41 +333,41 @@ class Dataset(Sequence[LabelledFrame]):
         return {split: count[split] for split in SPLITS if count[split]}
 
     def split(self, name: str) -> Dataset:
-        """Keep the frames of one split, maybe none.
+        """Keep the frames of one split. The result may be empty.
 
         Raises
         ------
         KeyError
-            If no split is called so.
+            If there is no split of this name.
         ValueError
             If this is a slice.
         """
         if name not in SPLITS:
             raise KeyError(f"no split {name!r}; one of: {', '.join(SPLITS)}")
         if self._positions != range(len(self._rows)):
-            raise ValueError("a split is taken of a whole dataset: take it first, and slices of it")
+            raise ValueError("only a whole dataset can be split: take the split first, then slice it")
         rows = self._rows.split(name)
         return replace(self, _rows=rows, _positions=range(len(rows)))
 
     def with_rows(self, rows: tuple[Row, ...]) -> Dataset:
-        """Take some rows of the same folder, by frame, in place of these."""
+        """Replace the rows by other rows of the same folder, by frame."""
         assert isinstance(self._rows, FolderRows)
         return replace(self, _rows=replace(self._rows, rows=rows), _positions=range(len(rows)))
 
     @property
     def calibration(self) -> Calibration:
-        """What an instrument may know of the camera, from ``camera.toml``."""
+        """The camera as the instrument may know it, from ``camera.toml``."""
         text = self.store.read(CAMERA, most_bytes=MOST_BYTES).decode(errors="replace")
         return calibration.parse(text, f"{self.store.place}/{CAMERA}")
 
     @property
     def manifest(self) -> Any:
-        """Plain data of its manifest."""
+        """The manifest as plain data."""
         return read_manifest(self.store)
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario that it was rendered from, with every default filled in."""
+        """The scenario of the dataset, with every default filled in."""
         from simgrab.model import scenes
 
         def read(name: str, most_bytes: int) -> bytes:
@@ -376,7 +376,7 @@ class Dataset(Sequence[LabelledFrame]):
         return scenes.of_manifest(self.manifest, f"{self.store.place}/{MANIFEST}", read)
 
     def weather(self, row: Row) -> str:
-        """Name a row's weather: what a varied scene calls it, or else the scene."""
+        """Name a row's weather: its name in a scene that varies the weather, or else the scene's name."""
         where = f"{self.store.place}: labels, frame {row.frame}: varied is not JSON"
         varied = parse_json(row.varied, DatasetError, where) if row.varied else {}
         items = varied.items() if isinstance(varied, dict) else ()
@@ -403,7 +403,7 @@ def read(path: str | Path) -> Dataset:
     Raises
     ------
     DatasetError
-        If it is none, is unfinished or empty, or lacks a picture.
+        If there is no dataset, or it is unfinished, empty, or lacks a picture.
     """
     path = Path(path)
     rows, _, labels_sha256 = frame_files.read_rows(path, Row)
@@ -416,13 +416,13 @@ def read(path: str | Path) -> Dataset:
 def in_folder(
     path: Path, rows: tuple[Row, ...], data: DatasetIdentity, least_visible_fraction: float, masks: MaskFiles
 ) -> Dataset:
-    """Make the dataset of rows whose pictures lie in a folder."""
+    """Make a dataset from rows whose pictures are in a folder."""
     found = FolderRows(rows, _Folder(path, masks))
     return Dataset(Store(str(path)), data, least_visible_fraction, found, range(len(rows)))
 
 
 def named(manifest: Any, where: object) -> Manifest:
-    """Convert a manifest; raises `DatasetError` where it is none."""
+    """Convert plain data to a manifest; raises `DatasetError` if they are not a manifest."""
     try:
         return msgspec.convert(manifest, Manifest)
     except (ValueError, LookupError, TypeError) as problem:
@@ -437,7 +437,7 @@ def buffer_names(file: str) -> dict[str, str]:
 
 
 def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:
-    """Read datasets that together must have frames in each of the splits.
+    """Read datasets, and check that together they have frames in each of the splits.
 
     Raises
     ------

@@ -48,12 +48,12 @@ class ExportSource:
     dataset : Dataset
     scenario : Scenario
     core : dict
-        Of its manifest, what says which dataset it is.
+        The part of its manifest that identifies the dataset.
     rendered_by : Fingerprint
     shard_frames : int
-        Frames of a file that holds many.
+        Frames in each file that contains several.
     sensors : dict of str to str
-        SHA-256 of the files of its sensors, by name, which every format carries.
+        SHA-256 of its sensor files, by name. Every format includes these files.
     """
 
     dataset: Dataset
@@ -75,15 +75,15 @@ def export(
 ) -> None:
     """Write a finished dataset, or a part of one, in the layout of another tool.
 
-    Every format comes with all that is known of each frame, in ``labels.parquet`` or beside its picture, and with the
-    files of the scene's sensors.
+    Every format includes all labels of each frame, in ``labels.parquet`` or beside its picture, and the files of the
+    scene's sensors.
 
     Parameters
     ----------
     dataset : str, Path or Dataset
-        What `simgrab.open` opens, or has opened.
+        A place that `simgrab.open` takes, or the dataset that it returned.
     out : str or Path
-        New folder, which appears whole or not at all; or a URL below which there is nothing. There, an export without
+        New folder, which appears complete or not at all; or a URL with no files below it, where an export without
         ``manifest.json`` is unfinished.
     format : str
         ``yolo``: images, text labels and ``data.yaml``. ``coco``: images and instances as JSON. ``voc``: Pascal VOC's
@@ -95,8 +95,8 @@ def export(
         Called with (frames done, frames in all).
     part : bool
         Accept a part of a dataset in a folder, such as a split or a slice. Frames keep their numbers and their order.
-        The manifest states under ``selection`` of how many frames it is a part, and the digest of their labels. Not
-        with ``webdataset``, whose shards are found by the numbers of their frames.
+        The manifest states under ``selection`` the number of frames of the whole dataset, and the digest of its labels.
+        Not with ``webdataset``, whose shards are found by the numbers of their frames.
 
     Raises
     ------
@@ -126,14 +126,14 @@ def export(
 def _source(dataset: Dataset, shard_frames: int | None, *, part: bool) -> ExportSource:
     if not dataset.is_whole:
         if not part:
-            raise DatasetError("a part of a dataset cannot be exported: give the whole, in its order, or part=True")
+            raise DatasetError("a part of a dataset cannot be exported without part=True")
         _check_part(dataset)
     known, where = dataset.manifest, f"{dataset.store.place}/{MANIFEST}"
     try:
         about = {key: value for key, value in known["renderer"].items() if key != "fingerprint"}
         rendered_by = Fingerprint(**about)
     except (LookupError, TypeError, AttributeError):
-        raise DatasetError(f"{where}: it names no renderer") from None
+        raise DatasetError(f"{where}: the renderer is missing") from None
     core = {key: known[key] for key in known if key not in ("renderer", "files", "manifest_digest", "shards")}
     if not dataset.is_whole:
         core = {key: core[key] for key in core if key != "clamped"} | {"frames": len(dataset)}
@@ -156,7 +156,7 @@ def _check_part(dataset: Dataset) -> None:
         raise DatasetError("a part of a dataset of shards cannot be exported: export the whole as simgrab first")
     numbers = [row.frame for row in dataset.rows]
     if not numbers or numbers != sorted(set(numbers)):
-        raise DatasetError("a part must hold frames, in the order of the dataset")
+        raise DatasetError("a part must contain frames, in the order of the dataset")
 
 
 def _write(source: ExportSource, store: Store, format: str, progress: Progress | None) -> None:
@@ -241,7 +241,7 @@ def _voc(source: ExportSource, store: Store) -> Iterator[Add]:
 
 
 def _voc_annotation(row: Row, file: str, *, labelled: bool) -> bytes:
-    """Pascal VOC's XML of one picture. Its pixels count from 1, and its boxes hold their last pixel."""
+    """Pascal VOC's XML of one picture. Its pixels count from 1, and its boxes include their last pixel."""
     root = ET.Element("annotation")
 
     def put(parent: ET.Element, **values: object) -> None:
@@ -266,7 +266,7 @@ def _voc_annotation(row: Row, file: str, *, labelled: bool) -> bytes:
 
 @contextlib.contextmanager
 def _webdataset(source: ExportSource, store: Store) -> Iterator[Add]:
-    """Write shards, each when its frames are complete."""
+    """Write each shard when its frames are complete."""
     done: list[shards.Done] = []
     frames: list[LabelledFrame] = []  # whose pictures are read when they are written
 
@@ -384,7 +384,7 @@ def _mask(frame: LabelledFrame) -> dict[str, Any] | None:
 
 
 def _files(frame: LabelledFrame) -> dict[str, bytes]:
-    """Files of a frame by name, as a dataset has them."""
+    """Files of a frame, by their names in a dataset."""
     names = buffer_names(frame.truth.file)
     return {frame.truth.file: frame.content} | {names[kind]: data for kind, data in frame.buffers.items()}
 

@@ -1,4 +1,4 @@
-"""The manifest: what a dataset is, from which the same one can be made again."""
+"""The manifest: it describes a dataset completely, so that the same dataset can be made again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from simgrab.runtime.versions import Fingerprint
 
 
 def same_renderer(fingerprint: Fingerprint, first: Fingerprint | None, place: object) -> Fingerprint:
-    """Refuse a renderer that is not the first one of a dataset's."""
+    """Refuse a renderer other than the one that began the dataset."""
     if first is not None and fingerprint != first:
         raise DatasetError(
             f"{place} was started with {first}, and this is {fingerprint}: "
@@ -25,13 +25,13 @@ def same_renderer(fingerprint: Fingerprint, first: Fingerprint | None, place: ob
 
 
 def identity(scenario: Scenario, extensions: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return what must be equal for two runs to make the same dataset, but for the renderer.
+    """Return the data that must be equal for two runs to make the same dataset; the renderer is compared apart.
 
     Parameters
     ----------
     scenario : Scenario
     extensions : dict, optional
-        What a manifest states of functions of the user's, if there are any.
+        The manifest's entries for the user's own functions, if any.
     """
     return {
         "simgrab": __version__,
@@ -52,7 +52,7 @@ def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, s
         See `identity`.
     rendered_by : Fingerprint
     digests : dict of str to str
-        SHA-256 of the files, by name; a dataset's pictures have theirs in their row of labels.
+        SHA-256 of the files, by name; those of the pictures are in the labels.
     """
     manifest = core | {
         "renderer": asdict(rendered_by) | {"fingerprint": rendered_by.digest},
@@ -62,6 +62,6 @@ def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, s
 
 
 def digest(manifest: dict[str, Any]) -> str:
-    """SHA-256 over the canonical JSON of a manifest, its own digest left out."""
+    """SHA-256 of the canonical JSON of a manifest without its own digest."""
     rest = {key: value for key, value in manifest.items() if key != "manifest_digest"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()

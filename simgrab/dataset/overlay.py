@@ -1,4 +1,4 @@
-"""What of a frame's truth is drawn on its picture, in px, as plain data."""
+"""The marks of a frame's truth that are drawn on its picture, px, as plain data."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from simgrab.model.truth import KEYPOINT_NAMES, Truth
 
 
 def marks(truth: Truth, outline: Sequence[Sequence[float]] | None = None) -> dict[str, Any]:
-    """Give box, keypoints and mask.
+    """Return box, keypoints and mask.
 
     Parameters
     ----------
     truth : Truth
     outline : sequence of polygons u0, v0, u1, v1 …, optional
-        Of the mask.
+        Outline of the mask.
     """
     points = np.reshape(truth.keypoints, (-1, 3)).tolist()
     box = (truth.box_x0_px, truth.box_y0_px, truth.box_x1_px, truth.box_y1_px)
@@ -31,12 +31,12 @@ def marks(truth: Truth, outline: Sequence[Sequence[float]] | None = None) -> dic
 
 
 def principal(truth: Truth) -> tuple[float, float]:
-    """Give C', where the optical axis meets the picture."""
+    """Return C', the point where the optical axis meets the picture."""
     return truth.cx_px, truth.cy_px
 
 
 def vertical(truth: Truth) -> Array:
-    """Give G', the image of the vertical, where the picture has it, shape (2,); NaN where it has none."""
+    """Return G', the image of the vertical, px as the picture has it, shape (2,); NaN beyond the fold of the lens."""
     k = Intrinsics(
         truth.width_px, truth.height_px, truth.fx_px, truth.cx_px, truth.cy_px,
         geometry.Distortion(truth.k1, truth.k2, truth.p1, truth.p2, truth.k3),

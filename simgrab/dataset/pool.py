@@ -1,4 +1,4 @@
-"""Share the work on one recipe among processes, each with a frame generator of its own."""
+"""Render one recipe in several processes, each with its own frame generator."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ MOST_PROJECTIONS = 4096
 
 @dataclass(frozen=True, eq=False)
 class Vetted:
-    """What was worked out to find a recipe possible, and need not be again.
+    """Results of checking that a recipe is possible, kept so that they are not computed again.
 
     Attributes
     ----------
     seen : int
         Frames that show the grab.
     plan : Plan or None
-        Of the world; None where each clip has its own.
+        Plan of the world; None if each clip has its own world.
     projections : dict of int to Projection
-        Of frames, `MOST_PROJECTIONS` at most.
+        Projections of at most `MOST_PROJECTIONS` frames.
     """
 
     seen: int
@@ -57,10 +57,10 @@ class Vetted:
 
 
 def automatic(recipe: Recipe, *, by_clip: bool = False, shard_frames: int | None = None) -> tuple[int, str]:
-    """Choose how many processes to render a recipe with, and say why.
+    """Choose the number of processes for a recipe, and return the reason too.
 
-    OpenGL in software uses several cores by itself, so that a second process gains a third, and each builds worlds of
-    its own: it pays from `FRAMES_A_WORKER` frames each, or `WORLDS_A_WORKER` where worlds vary.
+    Software OpenGL uses several cores by itself, so a second process gains only a third, and each process builds its
+    own worlds. A process pays off from `FRAMES_A_WORKER` frames on, or from `WORLDS_A_WORKER` worlds where worlds vary.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def memory_bytes(recipe: Recipe) -> int:
 
 
 def _unpicklable(recipe: Recipe) -> str:
-    """Why worker processes cannot be given a recipe; empty where they can."""
+    """Return why a recipe cannot be sent to worker processes; empty if it can."""
     try:
         pickled(recipe)
     except MemoryError:
@@ -108,7 +108,7 @@ def _unpicklable(recipe: Recipe) -> str:
 
 
 def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
-    """Refuse a number of processes, or a cluster, that cannot work on a recipe.
+    """Refuse a number of processes or a cluster that cannot render a recipe.
 
     Raises
     ------
@@ -118,9 +118,7 @@ def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
     why = _unpicklable(recipe) if workers > 1 or cluster is not None else ""
     if why:
-        raise ExtensionError(
-            f"a function cannot be given to worker processes: define it at the top of a module ({why})"
-        )
+        raise ExtensionError(f"a function cannot be sent to worker processes: define it at the top of a module ({why})")
     if cluster is not None:
         with ClusterPool(cluster, memory_bytes=memory_bytes(recipe)) as pool:
             pool.check()
@@ -133,7 +131,7 @@ def vet(recipe: Recipe, number: int = 0) -> Vetted:
     ----------
     recipe : Recipe
     number : int
-        Of the variant: of its clip.
+        Number of the variant, which is that of its clip.
     """
     scenario = recipe.scenario
     span = scenario.span(number) if recipe.varies else range(scenario.frames)
@@ -152,10 +150,10 @@ def vet(recipe: Recipe, number: int = 0) -> Vetted:
 def vetted(
     recipe: Recipe, workers: int, checking: Progress | None = None, *, cluster: str | None = None
 ) -> Vetted | None:
-    """Refuse, before anything is rendered, a recipe with an impossible frame or whose camera never sees the grab.
+    """Refuse a recipe with an impossible frame, or whose camera never sees the grab, before anything is rendered.
 
-    Where there are many worlds, workers check them, and ``checking`` is called with how many are done, and how many
-    there are. Returns what need not be worked out again.
+    Workers check the worlds if there are many; ``checking`` is called with the number checked and the total. Returns
+    the results for later use.
     """
     scenario = recipe.scenario
     if not recipe.varies:
@@ -183,7 +181,7 @@ def _vet(generator: FrameGenerator, frames: FrameNumbers, tick: Tick) -> Vetted:
 
 
 def refuse_unseen(frames: int, seen: int) -> None:
-    """Refuse a scenario of whose frames none shows the grab."""
+    """Refuse a scenario if none of its frames shows the grab."""
     if not seen:
         raise ScenarioError(
             "camera",
@@ -193,7 +191,7 @@ def refuse_unseen(frames: int, seen: int) -> None:
 
 
 def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int], None]:
-    """Turn frames done in this run into frames done in all, ``ahead`` of them earlier, which are reported at once."""
+    """Convert frames done in this run into frames done in all. ``ahead`` were done earlier and are reported at once."""
 
     def done(count: int) -> None:
         if progress:
@@ -204,34 +202,34 @@ def report(progress: Progress | None, ahead: int, total: int) -> Callable[[int],
 
 
 class Output(Protocol):
-    """What a recipe is rendered into, unit by unit: a run of frames each."""
+    """The output of a recipe, made unit by unit. A unit is a run of frames."""
 
     def check(self, *, resume: bool) -> bool:
-        """Refuse a place that cannot be used, before anything is written; whether anything remains to be made."""
+        """Refuse a place that cannot be used, before anything is written; returns whether any unit remains."""
 
     @property
     def begun(self) -> bool:
-        """Whether an earlier run found the recipe possible."""
+        """Whether an earlier run has checked that the recipe is possible."""
 
     def opened(self) -> AbstractContextManager[Sequence[FrameNumbers]]:
-        """Claim the place; gives the units that remain."""
+        """Claim the place; yields the units that remain."""
 
     @property
     def work(self) -> Work[Any]:
-        """What makes a unit; picklable, and gives the same when it is done again."""
+        """Return the function that makes a unit. It is picklable, and repeating it gives the same result."""
 
     def take(self, made: Any) -> None:
         """Take what `work` gave."""
 
     def finish(self) -> None:
-        """Write what depends on all units."""
+        """Write the files that depend on all units."""
 
 
 def fill(
     output: Output, recipe: Recipe, *, workers: int = 1, cluster: str | None = None, resume: bool = False,
     progress: Progress | None = None, checking: Progress | None = None,
 ) -> int:  # fmt: skip
-    """Make the units that an output lacks, and finish it; gives how many frames were made."""
+    """Make the missing units of an output, and finish it; returns the number of frames made."""
     if not output.check(resume=resume):
         return 0
     known = None if output.begun else vetted(recipe, workers, checking, cluster=cluster)
@@ -256,29 +254,29 @@ def map_items(
     progress: Callable[[int], None],
     cluster: str | None = None,
 ) -> Generator[T, None, None]:
-    """Do a piece of work for each unit, in no set order, and yield what each gives. Close it to end the processes.
+    """Call ``work`` for each unit, in any order, and yield the results. Close the iterator to end the processes.
 
     Parameters
     ----------
     recipe : Recipe
     known : Vetted or None
-        Of the same recipe, as far as it was worked out already.
+        Results of checking the same recipe, if there are any.
     units : sequence of sequence of int
         Frames that are made one after another in one process.
     work : callable
-        Takes a frame generator, a unit, and what it must call after every frame; picklable when there are several
-        workers. It is done again where its process died, and then calls for every frame of the unit again.
+        Takes a frame generator, a unit, and a function to call after every frame; picklable if there are several
+        workers. If its process dies it is called again, and reports every frame of the unit again.
     workers : int
         Processes. The software renderer uses every core already, so more than one gains little there.
     progress : callable
-        Called with the frames done so far, and with all of them before the last unit is yielded.
+        Called with the number of frames done; it has reached the total before the last unit is yielded.
     cluster : str, optional
         Address of a Ray cluster that works in place of processes of this machine.
 
     Raises
     ------
     WorkerError
-        If processes die of a unit again and again. What work raises is raised as it is.
+        If processes die repeatedly at one unit. Errors of ``work`` are raised unchanged.
     """
     if workers > 1 or cluster is not None:
         threads = max(1, machine.cores() // max(min(workers, len(units)), 1)) if cluster is None else None
@@ -308,7 +306,7 @@ _generator: FrameGenerator | None = None
 
 
 def _open(recipe: Recipe, threads: int | None) -> None:
-    """Open the generator of a process that serves a recipe, with so many threads to compute and to draw in."""
+    """Open the frame generator of one process, with this number of threads for computing and for drawing."""
     global _generator
     if threads is not None:
         cv2.setNumThreads(threads)

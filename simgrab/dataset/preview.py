@@ -44,7 +44,7 @@ def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
 
 
 def _draw_geometry(tile: NDArray[np.uint8], row: Row, scale: float) -> None:
-    """Principal point C', image of the vertical G', and the grab centre A', with the triangle they span."""
+    """Draw the principal point C', the image of the vertical G', the grab centre A', and the triangle they span."""
     vertical = overlay.vertical(row)
     principal = _at(overlay.principal(row), scale)
     cv2.drawMarker(tile, principal, VERTICAL, cv2.MARKER_CROSS, 14, 1, cv2.LINE_AA)

@@ -1,4 +1,4 @@
-"""What a dataset stores of a frame: its row of labels, its mask, and its files."""
+"""The stored form of a frame: its row of labels, its mask, and its files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST_RECORD_BYTES = 2**24
 
 
 class FrameRecord(msgspec.Struct, frozen=True):
-    """What is known of a stored frame.
+    """Labels and mask of a stored frame.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ def known(journal: Journal, frame: int) -> FrameRecord:
     except (msgspec.DecodeError, ValueError, RecursionError) as problem:
         why = f"{type(problem).__name__}: {first_line(problem)}"
         raise DatasetError(
-            f"{journal.store.place}/{name} is damaged ({why}); delete it, and --resume renders the frame again"
+            f"{journal.store.place}/{name} is damaged ({why}); delete this file; --resume then renders the frame again"
         ) from None
 
 
@@ -56,7 +56,7 @@ class StoredFrame:
     files: dict[str, bytes]
 
     def keep(self, journal: Journal) -> None:
-        """Store it: pictures first, then its record, which makes it count."""
+        """Store the frame: its pictures, then its record, which marks it as finished."""
         for name, data in self.files.items():
             journal.store.write(name, data)
         journal.add(unit(self.record.truth.frame), msgspec.json.encode(self.record))

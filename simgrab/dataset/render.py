@@ -51,8 +51,8 @@ def render(
 ) -> Summary:
     """Render a scenario's frames and labels into a folder, or into shards below a URL.
 
-    The same scenario gives the same bytes whatever the number of workers, and however often it was interrupted. Where
-    it has ``sensors``, what they report and the truth beside it are written too; see `simgrab.sensors`.
+    The same scenario gives the same bytes for any number of workers and interruptions. If it has ``sensors``, their
+    readings and the truth of them are written too; see `simgrab.sensors`.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def render(
     progress : callable, optional
         Called with (frames done, frames in all).
     checking : callable, optional
-        Called before that, where there are many worlds, with (worlds that were found possible, worlds in all).
+        Called before that, if there are many worlds, with (worlds found possible, worlds in all).
     randomiser, trajectory, effects
         Functions of yours, as `simgrab.frames` takes them. The manifest names them, with digests of their source; for
         several workers they must be defined at the top of a module.
@@ -87,15 +87,15 @@ def render(
     Raises
     ------
     ScenarioError
-        If a frame cannot be, or the camera never sees the grab; before anything is written.
+        If a frame is impossible or the camera never sees the grab. Nothing has been written then.
     DatasetError
         If the folder or URL cannot be used.
     RendererError
         If there is no offscreen OpenGL.
     ExtensionError
-        If a function of yours cannot be found, raises, or returns what no frame can be.
+        If a function of yours cannot be found, raises, or returns impossible values.
     WorkerError
-        If worker processes die of a frame or clip again and again.
+        If worker processes die repeatedly at one frame or clip.
     ClusterError
         If there is no such cluster, or its nodes have other versions.
     """
@@ -109,9 +109,7 @@ def render(
             "a video is rendered by this machine, beside a dataset in a folder: give neither cluster nor URL"
         )
     if shard_frames is not None and not is_url(out):
-        raise DatasetError(
-            f"{out} is a folder, which has no shards; give a URL such as {Path(out).absolute().as_uri()}"
-        )
+        raise DatasetError(f"{out} is a folder; shards need a URL such as {Path(out).absolute().as_uri()}")
     videos = Clips(files_of(recipe, video)) if video is not None else None
     output: _Folder | _Shards
     output = _Shards(recipe, str(out), shard_frames) if is_url(out) else _Folder(recipe, Path(out), videos, cluster)
@@ -190,7 +188,7 @@ class _Folder:
         self._rendered_by = manifest.same_renderer(made, self._rendered_by, self.journal.folder)
 
     def finish(self) -> None:
-        """Write everything that depends on all frames, one frame at a time; the manifest comes last."""
+        """Write the files that depend on all frames, one frame at a time; the manifest comes last."""
         scenario, store, core = self._recipe.scenario, self.journal.store, self._core
         first, tally = list[Row](), Tally()
         assert self._rendered_by is not None
@@ -219,7 +217,7 @@ class _Folder:
 
 
 def _made(journal: Journal | None, generator: FrameGenerator, frames: FrameNumbers, tick: Tick) -> Any:
-    """Make frames: gives their renderer once they are stored, or, without a journal, the frames themselves."""
+    """Make frames. Returns their renderer once they are stored or, without a journal, the frames themselves."""
     made = []
     for frame in frames:
         one = stored.make(generator, frame)

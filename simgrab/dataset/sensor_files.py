@@ -1,7 +1,7 @@
-"""Where the files of sensors beside the camera lie in a dataset, and how a sensor is described there, as by EuRoC's.
+"""Places of the sensor files in a dataset, and descriptions of the sensors in EuRoC's format.
 
-What a sensor reports lies below ``sensors/``, and the truth below ``sensors_truth/``, so that the first folder can be
-handed on without the second.
+Readings are below ``sensors/`` and the truth below ``sensors_truth/``, so that the first folder can be shared without
+the second.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _BODIES = {
 
 
 def names(scenario: Scenario) -> Iterator[str]:
-    """Name the files that a dataset of the scenario has for sensors."""
+    """Name the sensor files of a dataset of the scenario."""
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
         for name, sensor in scenario.sensors.items():
             data, truth = tables_of(clip, name, sensor)
@@ -47,18 +47,18 @@ def picture_of(number: int) -> str:
 
 
 def folder_of(clip: int, sensor: str) -> str:
-    """Name the folder of what a sensor reports."""
+    """Name the folder of a sensor's readings."""
     return f"sensors/clip_{clip:03d}/{sensor}"
 
 
 def tables_of(clip: int, name: str, sensor: MotionSensor) -> tuple[str, str]:
-    """Name the two tables of a sensor: what it reports, and the truth."""
+    """Name the two tables of a sensor: its readings, and the truth."""
     kind = "parquet" if isinstance(sensor, Lidar) else "csv"
     return f"{folder_of(clip, name)}/data.{kind}", f"sensors_truth/clip_{clip:03d}/{name}/truth.{kind}"
 
 
 def yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
-    """Describe a sensor as EuRoC's ``sensor.yaml`` does: by what its maker states, never by what was drawn.
+    """Describe a sensor as EuRoC's ``sensor.yaml`` does: with the maker's figures, never with the drawn errors.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def check(recipe: Recipe) -> None:
 
 
 def memory_bytes(scenario: Scenario) -> int:
-    """Estimate the memory that `write` takes beside that of a process that renders the frames."""
+    """Estimate the memory of `write`, in addition to the memory of a process that renders the frames."""
     bytes_of = {SideCamera: CAMERA_BYTES, Lidar: LIDAR_BYTES}
     return sum(bytes_of.get(type(sensor), 0) for sensor in scenario.sensors.values())
 
@@ -111,7 +111,7 @@ def _listing(_stack: ExitStack, file: BinaryIO, _columns: Sequence[str]) -> Appe
 
 
 def _csv(_stack: ExitStack, file: BinaryIO, columns: Sequence[str]) -> Append:
-    """Begin a table of text; numbers are written so that the same ones are read back."""
+    """Begin a table of text; numbers are written so that reading returns the same values."""
     file.write((",".join([STAMP, *columns]) + "\n").encode())
 
     def append(stamp_ns: NDArray[np.int64], values: Array) -> None:
@@ -123,7 +123,7 @@ def _csv(_stack: ExitStack, file: BinaryIO, columns: Sequence[str]) -> Append:
 
 
 def _parquet(stack: ExitStack, file: BinaryIO, columns: Sequence[str]) -> Append:
-    """Begin a table of points: times as they are, whole numbers as bytes, and the rest in single precision."""
+    """Begin a table of points: times unchanged, whole numbers as bytes, other values in single precision."""
     kinds = {"time [s]": pa.float64(), "ring": pa.uint8(), "id": pa.uint8()}
     stamp = pa.field(STAMP.removeprefix("#"), pa.int64())
     schema = pa.schema([stamp, *(pa.field(name, kinds.get(name, pa.float32())) for name in columns)])

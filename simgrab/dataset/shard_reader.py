@@ -1,8 +1,8 @@
 """Datasets cut into shards: a tar archive of pictures for each split of a shard, and its labels as a Parquet table.
 
 Below the dataset's URL lie ``shards/SPLIT-NUMBER.tar``, as WebDataset reads them, ``labels/NUMBER.parquet`` with a row
-for each frame of the shard, ``camera.toml``, ``preview.jpg`` and, once all is there, ``manifest.json``. A row says
-where in which archive its picture lies, so that a frame can be read without the rest of its archive.
+for each frame of the shard, ``camera.toml``, ``preview.jpg`` and, once complete, ``manifest.json``. A row states the
+archive and the position of its picture, so that a frame can be read without the rest of its archive.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def table(shard: int) -> str:
 
 
 class Place(msgspec.Struct, frozen=True):
-    """Where a frame's picture lies, and its mask. The columns `PLACE`."""
+    """Place of a frame's picture, and its mask: the columns `PLACE`."""
 
     shard: Annotated[str, msgspec.Meta(pattern=rf"^shards/({'|'.join(SPLITS)})-[0-9]{{6,}}\.tar$")]
     offset: Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -68,7 +68,7 @@ class Place(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Shard:
-    """The frames of one shard, and where their pictures lie.
+    """The frames of one shard, and the places of their pictures.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Shard:
     places : dict of int to Place
         By number of the frame.
     schema : pyarrow.Schema
-        Of its table, whose metadata names the scenario and the archives' digests.
+        Schema of its table, whose metadata names the scenario and the archives' digests.
     """
 
     rows: tuple[Row, ...]
@@ -86,7 +86,7 @@ class Shard:
 
 @lru_cache(_KEPT_SHARDS)
 def _read_shard(store: Store, number: int, digest: str) -> Shard:
-    """Read a shard's labels, whose file must have this SHA-256; those read last are kept."""
+    """Read a shard's labels and check the file's SHA-256; the latest ones are cached."""
     name = table(number)
     data, where = store.read(name, most_bytes=parquet.MOST_BYTES), f"{store.place}: {name}"
     if hashlib.sha256(data).hexdigest() != digest:
@@ -108,13 +108,13 @@ def parse_shard(data: bytes, where: str) -> Shard:
 
 
 class _Group:
-    """Pictures that lie one after another in an archive, read at once when the first is asked for."""
+    """Consecutive pictures of an archive, all read when the first is requested."""
 
     def __init__(self, store: Store) -> None:
         self._store, self.places, self._read = store, dict[int, Place](), dict[int, bytes]()
 
     def takes(self, place: Place) -> bool:
-        """Whether a picture lies near enough behind the others to be read with them."""
+        """Whether a picture follows the others closely enough to be read with them."""
         if not self.places:
             return True
         first, last = (self.places[frame] for frame in (next(iter(self.places)), next(reversed(self.places))))
@@ -122,7 +122,7 @@ class _Group:
         return place.shard == first.shard and near and place.offset + place.size - first.offset <= READ_AHEAD_BYTES
 
     def take(self, frame: int) -> bytes | None:
-        """Give a picture's bytes once; None when they were given."""
+        """Return a picture's bytes once, then None."""
         if self.places:
             places, self.places = self.places, {}
             start, end = min(p.offset for p in places.values()), max(p.offset + p.size for p in places.values())
@@ -135,7 +135,7 @@ class _Group:
 
 @dataclass(frozen=True)
 class _Archives:
-    """Pictures and masks of one shard; ``group``, if any, are neighbours that are read together."""
+    """Pictures and masks of one shard; ``group``, if given, holds neighbours that are read together."""
 
     store: Store
     places: dict[int, Place]
@@ -153,7 +153,7 @@ class _Archives:
         return frame_files.sound(data, row, self.name(row))
 
     def buffers(self, row: Row) -> dict[str, bytes]:
-        """Read the members that follow the picture in its archive and are of the same frame."""
+        """Read the members of the same frame that follow its picture in the archive."""
         place, found = self.places[row.frame], dict[str, bytes]()
         stem, at = PurePosixPath(row.file).stem, place.offset + place.size
         while True:
@@ -190,7 +190,7 @@ class ShardRows:
     store : Store
     manifest : Manifest
     name : str or None
-        Of the split, where it is one.
+        Name of the split; None for the whole dataset.
     """
 
     store: Store
@@ -231,7 +231,7 @@ class ShardRows:
         return replace(self, name=name) if self.name in (None, name) else FolderRows((), _Archives(self.store, {}))
 
     def _at(self, position: int) -> tuple[int, int]:
-        """Shard of a position, and the rank among the split's frames there."""
+        """Shard of a position, and the position among the split's frames in it."""
         shard = bisect.bisect_right(self._ends, position)
         return shard, position - (self._ends[shard] - self._counts[shard])
 
@@ -239,12 +239,12 @@ class ShardRows:
         found = _read_shard(self.store, number, self.manifest.files.get(table(number), ""))
         rows = tuple(row for row in found.rows if self.name in (None, row.split))
         if len(rows) != self._counts[number]:
-            raise DatasetError(f"{self.store.place}: {table(number)} does not hold the frames that the manifest states")
+            raise DatasetError(f"{self.store.place}: {table(number)} does not contain the manifest's frames")
         return _Archives(self.store, found.places), rows
 
 
 def _ahead(files: _Archives, rows: Sequence[Row]) -> Iterator[tuple[Row, DatasetFiles]]:
-    """Give rows of a shard whose pictures are read some megabytes at a time, once the first is asked for."""
+    """Return rows of a shard whose pictures are read several megabytes at a time, from the first request on."""
     groups, latest = dict[int, _Group](), dict[str, _Group]()
     for row in rows:
         place = files.places[row.frame]
@@ -258,7 +258,7 @@ def _ahead(files: _Archives, rows: Sequence[Row]) -> Iterator[tuple[Row, Dataset
 
 
 def of_shards(store: Store, known: Manifest) -> Dataset:
-    """Make the dataset of shards that a manifest describes; the digest of its labels is that of the shards' digests."""
+    """Make the dataset that a manifest of shards describes. Its labels' digest follows from the shards' digests."""
     rows = ShardRows(store, known)
     names = sorted(name for name in known.files if name.startswith("labels/"))
     digest = hashlib.sha256("".join(known.files[name] for name in names).encode()).hexdigest()
@@ -272,7 +272,7 @@ def read(store: Store) -> Dataset:
     Raises
     ------
     DatasetError
-        If it is none, or is unfinished.
+        If there is no dataset of shards, or it is unfinished.
     """
     if not store.exists(MANIFEST):
         state = "unfinished; continue with simgrab render --resume" if store.sizes() else "not a dataset"
@@ -286,8 +286,8 @@ def read(store: Store) -> Dataset:
 def open(place: str | Path) -> Dataset:
     """Open a finished dataset; `simgrab.open` is this function.
 
-    Of a folder, labels are read at once, and that each picture is there is checked. Of a dataset of shards, labels are
-    read shard by shard. Pictures and masks are read frame by frame.
+    For a folder, all labels are read at once, and the presence of each picture is checked. For a dataset of shards,
+    labels are read shard by shard. Pictures and masks are read frame by frame.
 
     Parameters
     ----------

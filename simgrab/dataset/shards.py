@@ -1,8 +1,7 @@
 """Write a dataset of shards, below a URL; `simgrab.dataset.shard_reader` has the format and reads it.
 
-A shard is a run of frames that depends on the scenario and its number alone. Its archives are written first, its labels
-last, and a shard whose labels are there is done. So any process on any machine may make any shard, twice as well as
-once, and nothing needs a lock.
+A shard is a run of frames that depends on the scenario and its number alone. Its archives are written first and its
+labels last; a shard with labels is complete. Any process on any machine may make any shard, even twice, without a lock.
 """
 
 from __future__ import annotations
@@ -43,12 +42,12 @@ _ABOUT = "simgrab_shard"  # key of the labels' metadata
 
 
 class ShardMetadata(msgspec.Struct, frozen=True):
-    """What a shard's labels state of it.
+    """Description of a shard in the metadata of its labels.
 
     Attributes
     ----------
     digest : str
-        Of the scenario.
+        Digest of the scenario.
     rendered_by : Fingerprint
     archives : dict of str to (int, str)
         Size in bytes and SHA-256 of each archive, by name.
@@ -60,7 +59,7 @@ class ShardMetadata(msgspec.Struct, frozen=True):
 
 
 class Done(msgspec.Struct, frozen=True):
-    """What a process answers that made a shard.
+    """Result of making a shard, as a process returns it.
 
     Attributes
     ----------
@@ -77,12 +76,14 @@ class Done(msgspec.Struct, frozen=True):
 
 
 def frames_of(scenario: Scenario, frames: int | None, *, varies: bool) -> int:
-    """Frames of a shard: as wanted, but whole clips where each has a world of its own, and no more than there are.
+    """Frames of a shard: the requested number, but at most all frames.
+
+    They are rounded up to whole clips if each clip has its own world.
 
     Raises
     ------
     DatasetError
-        If it is less than 1.
+        If the number is below 1.
     """
     wanted = FRAMES if frames is None else frames
     if wanted < 1:
@@ -100,7 +101,7 @@ class Shards:
     store : Store
     scenario : Scenario
     frames : int
-        Of each shard; see `frames_of`.
+        Frames of each shard; see `frames_of`.
     """
 
     store: Store
@@ -115,19 +116,19 @@ class Shards:
 
     @property
     def journal(self) -> Journal:
-        """What the dataset is, and whether it is finished; which shards are, `done` finds out."""
+        """The dataset's identity, and whether it is finished. `done` finds the finished shards."""
         return Journal(self.store, partial="", claim=UNFINISHED, whole=MANIFEST)
 
     def check_claimed(self) -> None:
-        """Refuse a place that was claimed and is so no more: a file system that is not mounted any longer, say."""
+        """Refuse a place that has lost its claim, for example because the file system is no longer mounted."""
         claimed = self.journal.known(UNFINISHED)
         if claimed is None:
-            raise DatasetError(f"{self.store.place} is gone, or another process finished it: it has no {UNFINISHED}")
+            raise DatasetError(f"{self.store.place} was removed or finished by another process; it has no {UNFINISHED}")
         if claimed.get("digest") != self.scenario.digest():
-            raise DatasetError(f"{self.store.place} is being written by another simgrab, of another scenario")
+            raise DatasetError(f"{self.store.place} is being written by another process, from another scenario")
 
     def done(self) -> Iterator[Done]:
-        """Find the shards that are whole: their labels can be read, and their archives are there."""
+        """Find the complete shards: their labels can be read, and their archives exist."""
         sizes = self.store.sizes("shards")
         there = self.store.sizes("labels")
         for number in range(len(self.spans)):
@@ -147,14 +148,14 @@ class Shards:
                 yield Done(number, hashlib.sha256(data).hexdigest(), about.rendered_by, tally)
 
     def write(self, frames: range, made: Iterable[Packed], rendered_by: Fingerprint) -> Done:
-        """Write the shard of these frames as they come."""
+        """Write the shard of these frames as they are made."""
         self.check_claimed()
         return write(self.store, frames.start // self.frames, made, self.scenario, rendered_by)
 
     def finish(
         self, core: dict[str, Any], done: dict[int, Done], rendered_by: Fingerprint, written: Sequence[str]
     ) -> None:
-        """Write what depends on all shards, and list other files that are ``written``; the manifest comes last."""
+        """Write the files that depend on all shards, and list the other ``written`` files; the manifest comes last."""
         self.check_claimed()
         there = self.store.sizes("labels")
         for number in range(len(self.spans)):
@@ -167,7 +168,7 @@ class Shards:
 
 
 class Packed(NamedTuple):
-    """A frame as a shard holds it: its row, its mask where detection labels hold a box, and its files by name."""
+    """A frame in a shard: its row, its mask if detection labels contain a box, and its files by name."""
 
     row: Row
     mask: dict[str, Any] | None
@@ -202,7 +203,7 @@ def finish(
     store: Store, core: dict[str, Any], frames: int, done: Sequence[Done], scenario: Scenario,
     rendered_by: Fingerprint, written: dict[str, str],
 ) -> None:  # fmt: skip
-    """Write what depends on all shards of so many frames each; the manifest comes last.
+    """Write the files that depend on all shards, given the frames of each; the manifest comes last.
 
     Parameters
     ----------
@@ -215,7 +216,7 @@ def finish(
     scenario : Scenario
     rendered_by : Fingerprint
     written : dict of str to str
-        SHA-256 of other files that are there, by name.
+        SHA-256 of the other files written, by name.
     """
     digests = {shards.table(one.number): one.labels_sha256 for one in done} | written
     about = {"frames": frames, "splits": [one.tally.splits for one in done]}
@@ -239,7 +240,7 @@ class _Archive:
         self._tar = tarfile.open(path, "w", format=tarfile.USTAR_FORMAT)  # noqa: SIM115
 
     def add(self, name: str, data: bytes) -> tuple[int, int]:
-        """Add a file; gives its first byte in the archive and its size."""
+        """Add a file; returns the position of its first byte in the archive, and its size."""
         member = tarfile.TarInfo(name)
         member.size = len(data)
         start: int = self._tar.offset + tarfile.BLOCKSIZE  # after its header
@@ -251,7 +252,7 @@ class _Archive:
         self._tar.close()
 
     def close(self) -> tuple[int, str]:
-        """Complete the archive; gives its size in bytes and its SHA-256."""
+        """Complete the archive; returns its size in bytes and its SHA-256."""
         self._tar.close()
         return self._path.stat().st_size, sha256(self._path)
 

@@ -1,4 +1,4 @@
-"""From a frame to what a dataset stores of it."""
+"""Encode a frame into the form that a dataset stores."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
 
 
 def split(recipe: Recipe, frame: int) -> str:
-    """Draw a frame into train, val or test by the scenario's shares; frames of one clip, being alike, stay together."""
+    """Draw a frame into train, val or test by the scenario's shares. Frames of one clip are alike and stay together."""
     scenario = recipe.scenario
     independent = isinstance(scenario.swing, Iid) and not recipe.varies and recipe.extensions.trajectory is None
     unit = frame if independent else scenario.clip.of(frame)
@@ -59,7 +59,7 @@ def _millimetres(view: View) -> NDArray[np.uint16]:
 
 
 def run_length_mask(grab: View, truth: Truth) -> dict[str, Any]:
-    """COCO's compressed run lengths, in the whole picture, of the grab that a window of it shows."""
+    """COCO's compressed run lengths, in the whole picture, of the grab's mask in a window."""
     mask = np.zeros((truth.height_px, truth.width_px), np.uint8, order="F")
     x0, y0, x1, y1 = grab.window
     mask[y0:y1, x0:x1] = grab.shows_grab

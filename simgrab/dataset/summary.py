@@ -1,4 +1,4 @@
-"""What is said of a finished dataset."""
+"""Summary of a finished dataset."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Tally(msgspec.Struct, frozen=True):
         )
 
     def stated(self, scenario: Scenario) -> dict[str, dict[str, int]]:
-        """Give what the manifest states: frames by key that was clamped, where the scenario lets keys be clamped."""
+        """Return the manifest's counts of clamped frames, by key, if the scenario allows clamping."""
         counts = dict(zip(CLAMPABLE, self.clamped, strict=True))
         keys = scenario.swing.clamped
         return {"clamped": {key: counts[key] for key in keys}} if keys else {}
@@ -113,10 +113,9 @@ class VideoSummary:
     clips, made : int
         Clips, and those made in this run; the others were there already.
     frames, sent, repeated, dropped : int
-        Frames that the camera took, pictures in the videos, those among them that were sent again, and frames of which
-        nothing was sent.
+        Frames that the camera took, pictures in the videos, pictures that were repeated, and frames that were lost.
     mbit_s : float
-        Size of the videos over the time that they show.
+        Size of the videos divided by their duration.
     clamped : dict of str to int, or None
         Frames in the videos by key of the swing that was replaced by the nearest possible value; None without
         ``swing.clamp``.

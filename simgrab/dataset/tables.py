@@ -60,7 +60,7 @@ def with_identity(schema: pa.Schema, identity: dict[str, Any]) -> pa.Schema:
 
 
 def _kinds() -> dict[str, str]:
-    """Annotation of each column as it is written."""
+    """Type annotation of each written column."""
     return {name: str(kind) for name, kind in (Truth.__annotations__ | Row.__annotations__).items()}
 
 
@@ -109,8 +109,8 @@ def yolo_yaml(full: Sequence[str]) -> bytes:
 class Metadata:
     """``metadata.csv`` of one split, as Hugging Face's ``imagefolder`` reads it: ``file_name`` and numbers.
 
-    Its columns are those of ``labels.parquet`` that hold a number, or whether something is so. Where a number may be
-    missing, whole ones are written as ``3.0``, so that a reader that infers types infers the same in every split.
+    Its columns are the numbers and truth values of ``labels.parquet``. In a column where numbers may be missing, whole
+    numbers are written as ``3.0``, so that readers infer the same type for every split.
 
     Parameters
     ----------
@@ -140,12 +140,12 @@ def metadata(rows: Iterable[Row], split: str) -> bytes:
 
 
 def coco_name(split: str) -> str:
-    """Where a split's COCO file lies in the dataset."""
+    """Path of a split's COCO file in the dataset."""
     return f"annotations/instances_{split}.json"
 
 
 def metadata_name(split: str) -> str:
-    """Where a split's ``metadata.csv`` lies in the dataset."""
+    """Path of a split's ``metadata.csv`` in the dataset."""
     return f"images/{split}/metadata.csv"
 
 
@@ -221,7 +221,7 @@ class LabelWriter:
     schema : pyarrow.Schema
         Its metadata is the file's.
     group_rows : int
-        Of a row group, which are in memory together.
+        Rows of a row group; a group is kept in memory.
     """
 
     def __init__(self, file: BinaryIO, schema: pa.Schema, group_rows: int = _GROUP_ROWS) -> None:
@@ -230,7 +230,7 @@ class LabelWriter:
         self._rows: list[dict[str, Any]] = []
 
     def add(self, row: dict[str, Any]) -> None:
-        """Write a row, with those around it."""
+        """Add a row; a row group is written when it is full."""
         self._rows.append(row)
         if len(self._rows) == self._group_rows:
             self._flush()
@@ -253,7 +253,7 @@ Writing = Callable[[str], AbstractContextManager[Path]]
 
 
 def into(folder: Path) -> Writing:
-    """Write files directly to their names below a folder."""
+    """Write files below a folder directly, without drafts."""
 
     @contextmanager
     def writing(name: str) -> Iterator[Path]:
@@ -268,7 +268,7 @@ def into(folder: Path) -> Writing:
 def tables_of(
     store: Store, core: dict[str, Any], scenario: Scenario
 ) -> Iterator[Callable[[Row, dict[str, Any] | None], None]]:
-    """Write the tables of a dataset of files, frame by frame in their order; few of them are in memory.
+    """Write the tables of a dataset of files, frame by frame in order, with few frames in memory.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def finish(
     store: Store, core: dict[str, Any], scenario: Scenario, rendered_by: Fingerprint,
     tiles: Iterable[tuple[NDArray[np.uint8], Row]], splits: Collection[str], written: Sequence[str],
 ) -> None:  # fmt: skip
-    """Write what a dataset of files has besides frames and tables; the manifest comes last.
+    """Write the other files of a dataset, after frames and tables; the manifest comes last.
 
     Parameters
     ----------
@@ -319,9 +319,9 @@ def finish(
     tiles : iterable of (ndarray, Row)
         First frames, BGR.
     splits : collection of str
-        Those that have frames.
+        Splits that have frames.
     written : sequence of str
-        Names of other files that are there.
+        Names of the other files written.
     """
     full = [split for split in SPLITS if split in splits]
     if store.folder is not None:
@@ -335,7 +335,7 @@ def finish(
 
 
 def beside(scenario: Scenario) -> dict[str, bytes]:
-    """Write what lies beside the labels of every dataset, by name: the camera file, and copies of users' own grabs."""
+    """Write the files beside the labels of every dataset, by name: the camera file, and copies of users' own grabs."""
     found = {"camera.toml": calibration_of(scenario).to_toml().encode()}
     for model in scenario.models:
         found |= {f"{models.copied(model.sha256)}/{name}": data for name, data in model.files.items()}
@@ -343,7 +343,7 @@ def beside(scenario: Scenario) -> dict[str, bytes]:
 
 
 def calibration_of(scenario: Scenario) -> Calibration:
-    """Give what an instrument gets to know of the camera: nominal values, never the tilt."""
+    """Return the camera as the instrument may know it: nominal values, never the tilt."""
     camera, k = scenario.camera, scenario.camera.intrinsics
     d = k.distortion
     return Calibration(

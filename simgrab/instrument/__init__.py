@@ -1,1 +1,1 @@
-"""What measures from frames alone: it never sees truth, scenes or the renderer."""
+"""Measures from frames alone, without truth, scenes or the renderer."""

@@ -23,20 +23,21 @@ _NORMAL = 1.959964  # two-sided, 95 %
 
 
 class Rule(Checked, frozen=True):
-    """When an alarm is raised, and when it is over.
+    """When an alarm is raised, and when it ends.
 
     Attributes
     ----------
     raised_at : float
-        Least probability that α exceeds 10°. At a half the alarm comes with α̂ itself: on the way up a swing of 10 m
-        rope gains 0.7° from a frame to the next (9 frames/s), so that more confidence costs little delay, and it keeps
-        back swings that pass for dangerous only because their frame is blurred.
+        Least probability that α exceeds 10°. At 0.5 the alarm depends on α̂ alone. A growing swing on 10 m of rope
+        gains 0.7° from one frame to the next (9 frames/s), so a higher probability delays alarms little, and it
+        suppresses alarms from blurred frames.
     frames : int
-        So many frames in a row that show an α must be as sure.
+        Number of consecutive frames with an α that must reach this probability.
     released_at : float
-        Hysteresis: rad, below which α must stay for the alarm to end.
+        Hysteresis, rad: α must stay below this value for the alarm to end.
     quiet_s : float
-        So long, s: half a period of the longest rope, since a swing passes through 0 between its turning points.
+        Time, s, that α must stay below it: half a period of the longest rope, since a swing passes through 0 between
+        its turning points.
     """
 
     error = RunError
@@ -53,7 +54,7 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
     Attributes
     ----------
     first, last, peak : int
-        Frame in which it was raised, the last above the release, and that of the largest α.
+        Frame in which the alarm was raised, last frame above the release, and frame of the largest α.
     onset_s, end_s, peak_s : float
         Their times.
     alpha, alpha_low, alpha_high : float
@@ -85,7 +86,7 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
 def probability(alpha: Array, low: Array, high: Array) -> Array:
     """Probability that a swing exceeds 10°, shape (n,): Gaussian about α with the deviation of its 95 % interval.
 
-    NaN where α is; without an interval α is taken at its word.
+    NaN where α is NaN; without an interval α is taken as exact.
     """
     sd = (high - low) / (2 * _NORMAL)
     above = np.where(alpha > DANGER, 1.0, 0.0)
@@ -95,7 +96,7 @@ def probability(alpha: Array, low: Array, high: Array) -> Array:
 
 
 def danger(m: Measurement) -> float:
-    """Probability that a swing exceeds 10°, as a measurement states it; otherwise α is taken as exact."""
+    """Probability that a swing exceeds 10°, if a measurement states it; otherwise α is taken as exact."""
     return m.danger if m.danger is not None else float(m.alpha is not None and m.alpha > DANGER)
 
 
@@ -107,7 +108,7 @@ def events(times: Array, measurements: Sequence[Measurement], rule: Rule | None 
     times : ndarray, shape (n,)
         Seconds, increasing.
     measurements : sequence of n Measurement
-        Frames without an α raise nothing and end nothing.
+        Frames without an α neither raise nor end an alarm.
     rule : Rule, optional
     """
     rule = rule or Rule()

@@ -77,7 +77,7 @@ def calibrate(
 
 
 def by_estimate(record: RecordArrays, estimator: Estimator, estimate: Estimate) -> tuple[Array, Array]:
-    """Swing (n,) and its intervals (n, 2) as the estimator itself gives them for the frames that it was given."""
+    """Swing (n,) and its intervals (n, 2) from the estimate itself, for the frames that it used."""
     assert estimate.alpha is not None
     some = record.usable(rope=estimator.needs_rope)
     alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
@@ -102,7 +102,7 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
 
 
 def measurements(record: RecordArrays, alpha: Array, ends: Array, refused: str = "") -> tuple[Measurement, ...]:
-    """State of every frame whether there is a swing, and why not.
+    """Make a measurement of every frame: its swing, or why there is none.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def measurements(record: RecordArrays, alpha: Array, ends: Array, refused: str =
         NaN where there is none.
     ends : ndarray, shape (n, 2)
     refused : str
-        Why there is none where nothing was lacking.
+        Reason for frames that lack an angle although no input was missing.
     """
     danger = alarm.probability(alpha, *ends.T)
     rows = zip(record.observations, alpha, ends, danger, record.rope.length, record.rope.jump, strict=True)

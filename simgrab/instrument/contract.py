@@ -1,4 +1,4 @@
-"""What an instrument is: frames and a camera go in, one measurement a frame comes out. Anybody's may be tested."""
+"""The contract of an instrument: it takes frames and a camera, and returns one measurement for each frame."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Frame:
     reason : str
         Why there is no picture; empty where there is one.
     name : str
-        Of the picture's file; empty in a video.
+        Name of the picture's file; empty in a video.
     note : str
-        What was assumed of the picture or its time, or how the picture differs from the coded one; mostly empty.
+        Assumptions on the picture or its time, or how the picture differs from the coded one; mostly empty.
     """
 
     picture: Picture | None
@@ -53,9 +53,9 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     ----------
     status : str
         ``"ok"``: there is an α. ``"lost"``: there was no picture. ``"missed"``: no grab was found in it. ``"unread"``:
-        α takes the rope's length, and none is known. ``"refused"``: what else stood in the way.
+        α requires the rope's length, which is not known. ``"refused"``: any other reason.
     reason : str
-        Empty where ok, and nowhere else.
+        Reason; empty only if the status is ok.
     alpha : float or None
         Swing angle: between the rope and gravity; None unless ok.
     alpha_low, alpha_high : float or None
@@ -65,19 +65,19 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     box : tuple of 4 floats, or None
         x0, y0, x1, y1 of the visible grab; (0, 0) is the outer corner of the top-left pixel.
     score : float
-        Of the detection, 0 to 1.
+        Score of the detection, 0 to 1.
     centre : tuple of 2 floats, or None
-        Where the picture has the grab centre A.
+        Position of the grab centre A in the picture.
     centre_sd : tuple of 2 floats, or None
         Its standard deviations.
     rope_text : str or None
-        What was read on the display, four digits, a blank and four digits, with ``?`` for one that was refused; a point
-        may stand in a number.
+        Text read on the display: four digits, a blank and four digits, with ``?`` for a refused digit; a number may
+        contain a point.
     rope_status : str
-        ``"read"``, ``"refused"`` or ``"jump"``, as in `simgrab.model.records.observations.Reading`; empty where nothing
+        ``"read"``, ``"refused"`` or ``"jump"``, as in `simgrab.model.records.observations.Reading`; empty if no display
         was to be read.
     rope_length_m : float or None
-        |OA| that α was computed with.
+        |OA| from which α was computed.
     """
 
     status: Status
@@ -102,11 +102,11 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
         if self.status != "ok" and self.alpha is not None:
             raise ValueError(f"alpha is only allowed with status 'ok'; got {self.status!r}, {self.alpha}")
         if (self.status == "ok") == bool(self.reason):
-            raise ValueError(f"a reason belongs to every status but 'ok'; got {self.status!r}, {self.reason!r}")
+            raise ValueError(f"a reason is required unless the status is 'ok'; got {self.status!r}, {self.reason!r}")
 
 
 def flaw(m: Measurement) -> str:
-    """Say what is wrong with a measurement beyond its types; empty where nothing is."""
+    """Return what is wrong with a measurement beyond its types; empty if it is valid."""
     for name, value in msgspec.structs.asdict(m).items():
         numbers = value if isinstance(value, tuple) else (value,)
         if not all(math.isfinite(x) for x in numbers if isinstance(x, float)):
@@ -125,12 +125,12 @@ def flaw(m: Measurement) -> str:
 class Instrument(Protocol):
     """Measures the swing in a record of frames.
 
-    A factory that takes no argument and gives one of these is all that it takes to put a pipeline under test.
+    To test a pipeline, write a factory without arguments that returns an instrument.
     """
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name in reports."""
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record.
@@ -138,20 +138,20 @@ class Instrument(Protocol):
         Parameters
         ----------
         frames : iterable of Frame
-            In order, made one after another as they are asked for: do not keep the pictures.
+            Frames in order, each made when it is requested. Do not keep the pictures.
         calibration : Calibration
-            What is known of the camera: never its tilt.
+            The camera as the instrument may know it: never its tilt.
 
         Returns
         -------
         sequence of Measurement
-            One a frame, in order.
+            One for each frame, in order.
 
         Raises
         ------
         RecordError
             If the record cannot be used. SwingBench then refuses every frame of the clip, with this reason, and goes on
-            with the next one. Elsewhere it ends the run, as any other error does.
+            with the next one. In other commands it ends the run, as any other error does.
         """
 
 
@@ -160,7 +160,7 @@ class TakesSensors(Protocol):
     """An instrument that can use sensors beside the camera."""
 
     def with_sensors(self, sensors: Mapping[str, Path]) -> Instrument:
-        """Return an instrument for one record, which is measured next.
+        """Return an instrument for one record: the next one measured.
 
         Parameters
         ----------

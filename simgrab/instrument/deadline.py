@@ -1,6 +1,6 @@
-"""Stop what takes too long, at almost no cost where it does not: one thread watches all that is under way.
+"""Stop calls that take too long. One thread watches all running calls, at almost no cost.
 
-A thread for each run of a net, of which there are several a picture, would double a detector's time on a busy machine.
+A picture needs several runs of nets; a thread for each run would double a detector's time on a busy machine.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Opens ONNX files and runs them.
 
 onnxruntime and not cv2.dnn: on one core find took 7.5 ms and refine 3.4 ms against 17 and 9 (OpenCV 5.0.0), and what
-cv2.dnn returned was off by up to 0.3 in refine. It also reports a file's shapes and metadata, by which other files are
-refused.
+cv2.dnn returned was off by up to 0.3 in refine. It also reports a file's shapes and metadata, which are checked before
+use.
 
-A file is read whole and handed over as bytes, and no other file is opened for it. What a net may take is limited:
-bytes of its file, numbers in an output, memory and time. Two things are not: the memory of constants that onnxruntime
-computes when it loads a net, and the time of a single operator, within which it cannot be stopped.
+A file is read completely and passed as bytes; it cannot name further files. Limits apply to the file's bytes, the
+numbers in an output, memory and time. They do not apply to the memory of constants that onnxruntime computes when
+loading a net, nor to the time of a single operator, which cannot be interrupted.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ class Net:
     inputs, outputs : dict of str to tuple
         Shapes by name; a free dimension is None.
     types : tuple of str
-        Of the inputs, as onnxruntime names them.
+        Types of the inputs, as onnxruntime names them.
     facts : dict
-        What simgrab wrote into the file's metadata; empty in others.
+        Metadata written by simgrab; empty for other files.
     metadata : dict of str to str
-        The file's, of any origin, but for entries of more than `MOST_METADATA` characters.
+        All metadata of the file, except entries of more than `MOST_METADATA` characters.
     refuse : callable
-        From a message to the error that is raised.
+        Makes the error to raise from a message.
     """
 
     path: Path
@@ -77,15 +77,15 @@ class Net:
         Parameters
         ----------
         pictures : ndarray
-            Of the shape in `inputs`.
+            Pictures of the shape in `inputs`.
         names : sequence of str, optional
-            Of the outputs that are returned; others may be of any type. By default all, in the order of `outputs`.
+            Names of the outputs that are returned; others may be of any type. By default all, in the order of
+            `outputs`.
 
         Raises
         ------
         SimgrabError
-            Of the kind of `refuse`, if it does not run, takes more than a net may, or outputs something else than
-            floats.
+            Made by `refuse`, if the net does not run, exceeds a limit, or outputs anything but floats.
         """
         names = list(self.outputs) if names is None else names
         options = onnxruntime.RunOptions()
@@ -120,15 +120,15 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
     ----------
     path : str or path
     refuse : callable
-        From a message to the error that is raised.
+        Makes the error to raise from a message.
     threads : int
-        Of onnxruntime.
+        Threads of onnxruntime.
 
     Raises
     ------
     SimgrabError
-        Of the kind of ``refuse``, if there is no such file, it names other files, onnxruntime cannot load it, or an
-        output has more than `MOST_NUMBERS` numbers.
+        Made by ``refuse``, if the file is missing or names other files, onnxruntime cannot load it, or an output has
+        more than `MOST_NUMBERS` numbers.
     """
     path = Path(path)
     content = read_bytes(path, refuse, most_bytes=MOST_BYTES)
@@ -177,7 +177,7 @@ def _facts(path: Path, metadata: Mapping[str, str], refuse: Callable[[str], Simg
 
 
 def _numbers(shape: tuple[int | None, ...]) -> int:
-    """How many numbers an array of a shape has at least; a free dimension may be 1."""
+    """Least number of values in an array of a shape; a free dimension counts as 1."""
     total = 1
     for side in shape:
         total *= side or 1
@@ -186,7 +186,7 @@ def _numbers(shape: tuple[int | None, ...]) -> int:
 
 @functools.cache
 def _limit_memory() -> None:
-    """Give all nets of this process one arena of limited memory."""
+    """Let all nets of this process share one memory arena of limited size."""
     onnxruntime.set_default_logger_severity(_FATAL)
     about = onnxruntime.OrtMemoryInfo(
         "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT

@@ -15,23 +15,23 @@ from simgrab.model.records.observations import Detection, Reading
 
 
 class Observation(msgspec.Struct, frozen=True, gc=False):
-    """Observation of one frame: about a kilobyte, for records of hours. Pixels and metres.
+    """Observation of one frame: about a kilobyte, so that records may last hours. Pixels and metres.
 
     Attributes
     ----------
     time_s : float or None
     name : str
-        Of the picture's file.
+        Name of the picture's file.
     lost : str
         Why there was no picture; empty where there was one.
     missed : str
         Why no grab was detected in it; empty where one was.
     score : float
     box, centre, centre_sd : tuple of floats, or None
-        As in `simgrab.instrument.contract.Measurement`; the box's centre where the detector predicts no other.
+        As in `simgrab.instrument.contract.Measurement`; the centre is the box's if the detector predicts no other.
     rope_text : str or None
     rope_status, rope_reason : str
-        As in `simgrab.model.records.observations.Reading`; empty where no display was to be read.
+        As in `simgrab.model.records.observations.Reading`; empty if no display was to be read.
     hoist_m : float or None
         Hoist rope on the display.
     """

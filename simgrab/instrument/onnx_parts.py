@@ -1,8 +1,8 @@
 """Look through an ONNX file before onnxruntime opens it.
 
-A tensor of an ONNX file may lie in another file, named by a path. Versions of onnxruntime differ in which of these
-paths they refuse; a model that is loaded from bytes takes them relative to the working directory. So a file that names
-one is refused here, wherever in it the name stands. The numbers of fields are those of onnx/onnx.proto3 of ONNX.
+A tensor of an ONNX file may lie in another file, named by a path. Versions of onnxruntime refuse different sets of
+these paths; for a model loaded from bytes they are relative to the working directory. So a file that contains such a
+path anywhere is refused here. The numbers of fields are those of onnx/onnx.proto3 of ONNX.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _INSIDE = {
 
 
 def check(content: bytes, refuse: Callable[[str], Exception]) -> None:
-    """Refuse what is no ONNX file, or one that names other files.
+    """Refuse a file that is not ONNX, or that names other files.
 
     Parameters
     ----------
     content : bytes
-        Of the file.
+        Content of the file.
     refuse : callable
-        From what is wrong to what is raised.
+        Makes the error to raise from a message.
     """
     view = memoryview(content)
     waiting = [("model", 0, len(content))]
@@ -57,11 +57,11 @@ def check(content: bytes, refuse: Callable[[str], Exception]) -> None:
 
 
 class _NoMessageError(Exception):
-    """Bytes that are no message of Protocol Buffers."""
+    """The bytes are not a Protocol Buffers message."""
 
 
 def _fields(view: memoryview, at: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield the number of each field of a message, and where its value begins and ends."""
+    """Yield the number of each field of a message, and the start and end of its value."""
     while at < end:
         key, at = _varint(view, at, end)
         wire = key & 7
@@ -81,7 +81,7 @@ def _fields(view: memoryview, at: int, end: int) -> Iterator[tuple[int, int, int
 
 
 def _varint(view: memoryview, at: int, end: int) -> tuple[int, int]:
-    """Read a whole number of 7 bits a byte; returns it and where the next field begins."""
+    """Read a whole number of 7 bits a byte; returns it and the position after it."""
     value = 0
     for shift in range(0, 70, 7):
         if at >= end:

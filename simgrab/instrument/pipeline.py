@@ -43,16 +43,16 @@ WINDOW_S = 10.0  # of readings that a live one is compared with
 
 @dataclass(frozen=True)
 class MeasuredRecord:
-    """What an instrument made of a record of n frames.
+    """Result of an instrument for a record of n frames.
 
     Attributes
     ----------
     arrays : RecordArrays
     measurements : tuple of n Measurement
     estimate : Estimate or None
-        Of the tilt, and why there is none; None where it was given.
+        Estimate of the tilt, or its refusal; None if the tilt was given.
     tilt : Known or None
-        What the swings were computed with; None where there was none.
+        Tilt with which the swings were computed; None if there was none.
     """
 
     arrays: RecordArrays
@@ -70,14 +70,15 @@ class Pipeline:
     detector : Detector
     reader : Reader or None
     estimator : Estimator or None
-        By default `RopeAware` where the camera file states a display, for the camera hangs beside the rope exit: with
-        that offset, 0.6 m, known to 5 cm, it errs by 0.17° in five minutes of calm working cycles, where the estimators
-        that take no rope length err by 0.6° and more (docs/results/estimators.md). `PendulumSmoother` errs by 0.16°,
-        takes a second or two for it, and cannot go on frame by frame. Without a display `MeanRay`, which needs none.
+        By default `RopeAware` if the camera file states a display, because the camera hangs beside the rope exit. With
+        that offset of 0.6 m, known to 5 cm, `RopeAware` errs by 0.17° in five minutes of calm working cycles;
+        estimators without the rope's length err by 0.6° and more (docs/results/estimators.md). `PendulumSmoother` errs
+        by 0.16°, takes a second or two, and cannot work frame by frame. Without a display the default is `MeanRay`,
+        which needs no rope length.
     calibrate_s : float or None
-        The tilt comes from the first so many seconds; None, as in the paper, from the whole record.
+        Seconds at the beginning from which the tilt is estimated; None for the whole record, as in the paper.
     tilt : Known or None
-        A tilt that is known already.
+        A known tilt.
     bridge : Bridge
     """
 
@@ -90,7 +91,7 @@ class Pipeline:
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name in reports."""
         return f"simgrab with the detector {self.detector.name}"
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
@@ -98,20 +99,20 @@ class Pipeline:
         return self.record(frames, calibration).measurements
 
     def chosen(self, calibration: Calibration) -> Estimator:
-        """Estimator for a camera.
+        """Choose the estimator for a camera.
 
         Raises
         ------
         RunError
-            If it takes the rope's length and there is no display to read it from.
+            If the estimator needs the rope's length and there is no display to read it from.
         """
         display = calibration.digit_layout is not None and self.reader is not None
         if self.estimator is None:
             return ESTIMATORS[WITH_DISPLAY if display else WITHOUT](intervals=INTERVALS)
         if self.estimator.needs_rope and not display:
             raise RunError(
-                f"{self.estimator.name} needs the rope's length, and the camera file states no display to read it "
-                f"from (digit_layout); {WITHOUT} needs none"
+                f"{self.estimator.name} needs the rope's length, but the camera file states no display "
+                f"(digit_layout); {WITHOUT} needs no rope length"
             )
         return self.estimator
 
@@ -121,14 +122,14 @@ class Pipeline:
         Parameters
         ----------
         sensors : collection of str
-            Names of the sensors that `with_sensors` is called with; where there are none, it is not called.
+            Names of the sensors for `with_sensors`; without any it is not called.
         display : bool
             Whether camera files state a display.
 
         Raises
         ------
         RunError
-            In one line what is needed.
+            With one line that names the missing input.
         """
         name = self.estimator.name if self.estimator is not None and self.estimator.needs_rope else ""
         if sensors:
@@ -139,7 +140,7 @@ class Pipeline:
 
     def _check_sensors(self, sensors: Collection[str]) -> None:
         if self.estimator is not None or self.calibrate_s is not None or self.tilt is not None:
-            raise RunError("with an inertial sensor nothing else is to be chosen; leave out estimator and calibration")
+            raise RunError("an inertial sensor selects its own estimator; leave out estimator and calibration")
         if IMU not in sensors:
             raise RunError(f"{self.name} uses the sensor {IMU}; there are: {', '.join(sensors) or 'none'}")
 
@@ -149,7 +150,7 @@ class Pipeline:
         Raises
         ------
         RunError
-            If there is no such sensor, or an estimator or a tilt was chosen.
+            If the sensor is missing, or an estimator or a tilt was chosen.
         RecordError
             If its readings cannot be used.
         """
@@ -224,7 +225,7 @@ class Pipeline:
 
 @dataclass(frozen=True, eq=False)
 class Live:
-    """One frame of a live record: what was measured, with what tilt, and in how many seconds."""
+    """One frame of a live record: its measurement, the tilt used, and the time taken, s."""
 
     frame: Frame
     observation: Observation
@@ -234,9 +235,9 @@ class Live:
 
 
 def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
-    """Make the next few items in a thread while one is worked on, in order; errors come in their place.
+    """Make the next few items in a thread, in order; an error is raised at its item.
 
-    Decoding and detection release Python's lock, so that each has a core. Never more than ``most`` items wait.
+    Decoding and detection release Python's lock, so that each gets a core. At most ``most`` items wait.
     """
     end = object()
     source = iter(items)
@@ -249,7 +250,7 @@ def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
 
 
 def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker | None:
-    """Make the filter of an estimator that needs readings of an inertial sensor."""
+    """Make the live filter of an estimator with inertial readings."""
     if not estimator.needs_imu:
         return None
     from simgrab.instrument.estimate.inertial.estimator import InertialFusion
@@ -302,7 +303,7 @@ def assemble(
     tilt : path, optional
         A ``tilt.toml``.
     live : bool
-        Whether it is for a live run.
+        Whether the pipeline is for a live run.
     imu : path, optional
         Folder of the inertial sensor in the camera's housing, as `read_imu` takes it: then the estimator is
         `InertialFusion`.
@@ -310,7 +311,7 @@ def assemble(
     Raises
     ------
     RunError, DetectorError, CalibrationError, RecordError
-        If settings exclude each other, or a file is not what it should be.
+        If settings exclude each other, or a file is invalid.
     """
     if estimator is not None and estimator not in ESTIMATORS:
         raise RunError(f"unknown estimator {estimator!r}; there are: {', '.join(ESTIMATORS)}")
@@ -318,7 +319,7 @@ def assemble(
         other = "a live run, which calibrates continuously" if live else "a calibration that is given"
         raise RunError(f"calibration on the first part cannot be combined with {other}")
     if estimator is not None and tilt is not None:
-        raise RunError(f"the tilt is given; there is nothing for {estimator} to estimate")
+        raise RunError(f"the tilt is given, so {estimator} is not needed; leave out one of them")
     chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
     pipeline = Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))
     return pipeline if imu is None else pipeline.with_sensors({IMU: Path(imu)})

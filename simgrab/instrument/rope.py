@@ -1,4 +1,4 @@
-"""The rope's length in every frame of a record: readings that the hoist can have made, and what lies between them."""
+"""The rope's length in every frame of a record: consistent readings, and interpolation between them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Rope:
     length : ndarray, shape (n,)
         \|OA\|, m; NaN where it is not known.
     jump : ndarray of bool, shape (n,)
-        Where a length was read that the hoist cannot have got to.
+        Frames with a length that the hoist cannot have reached.
     """
 
     length: Array
@@ -32,14 +32,14 @@ class Rope:
 
 @dataclass(frozen=True)
 class Bridge:
-    """How readings are distinguished from misreadings, and how long one may stand in for others.
+    """Settings for the rejection of readings, and for the bridging of gaps.
 
     Attributes
     ----------
     hoist : Hoist
     longest_s : float
-        Between two readings no further apart the length goes in a straight line; before the first and after the last
-        one it stays for half as long. At 70 m/min that is wrong by 1.2 m at most.
+        The length is interpolated linearly between readings at most this far apart; before the first and after the last
+        reading it stays constant for half of this time. At 70 m/min the error is at most 1.2 m.
     """
 
     hoist: Hoist = field(default_factory=Hoist)
@@ -49,7 +49,7 @@ class Bridge:
 def rope(observations: Sequence[Observation], calibration: Calibration, bridge: Bridge) -> Rope:
     """Find the rope's length in every frame.
 
-    Independent frames (without times) have what was read in them and nothing else.
+    Independent frames (without times) have only their own readings.
     """
     hoist = np.array(
         [np.nan if s.rope_status != "read" or s.hoist_m is None else s.hoist_m for s in observations], float
@@ -68,7 +68,7 @@ def _sound(length: Array) -> Array:
 
 
 def _bridged(times: Array, lengths: Array, longest: float) -> Array:
-    """Fill gaps of readings, shape (n,)."""
+    """Fill gaps between readings, shape (n,)."""
     read = np.flatnonzero(np.isfinite(lengths))
     if not len(read):
         return lengths

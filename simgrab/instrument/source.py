@@ -1,4 +1,4 @@
-"""Where frames come from: a video file, a stream, a folder of pictures, or a rendered dataset."""
+"""Sources of frames: a video file, a stream, a folder of pictures, or a rendered dataset."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class Source(Protocol):
 
     @property
     def name(self) -> str:
-        """What the user calls it."""
+        """Name that the user gave."""
 
     @property
     def count(self) -> int | None:
-        """How many frames there are, as far as is known beforehand."""
+        """Number of frames, if known beforehand."""
 
     @property
     def live(self) -> bool:
-        """Whether it can be read only once, as its frames come."""
+        """Whether the source can be read only once, as its frames arrive."""
 
     def __iter__(self) -> Iterator[Frame]:
         """Read from the beginning."""
@@ -43,7 +43,7 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class PictureFiles:
-    """Picture files, read when their turn comes.
+    """Picture files, each read when it is needed.
 
     Attributes
     ----------
@@ -52,11 +52,11 @@ class PictureFiles:
     times : tuple of n float or None
     root : Path
     labels_sha256 : str
-        Of a dataset, by which it is known again; empty for a folder of pictures.
+        SHA-256 of a dataset's labels, which identifies it; empty for a folder of pictures.
     bits : int or None
-        Of 16-bit pictures, as `simgrab.io.pictures.bits` finds them.
+        Bits of a value of 16-bit pictures, as `simgrab.io.pictures.bits` finds them.
     note : str
-        What was assumed of all pictures, or left out; mostly empty.
+        Assumptions on all pictures, or pictures left out; mostly empty.
     """
 
     name: str
@@ -74,7 +74,7 @@ class PictureFiles:
         return len(self.files)
 
     def __iter__(self) -> Iterator[Frame]:
-        """Read each file; one that is no picture is a lost frame."""
+        """Read each file; a file that is not a picture is a lost frame."""
         for path, time in zip(self.files, self.times, strict=True):
             name = encodable(path.relative_to(self.root))
             try:
@@ -95,15 +95,15 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
         A video file, the URL of a stream (``rtsp://…``), a picture or a folder of pictures, or a rendered dataset.
         Nothing else is opened: playlists and scripts, which name other files, are refused.
     rate_hz : float, optional
-        Of pictures in a folder, 9 by default, or of a video without time stamps, by default what it states or else 9.
-        It is an error where the source has times of its own.
+        Frame rate of pictures in a folder, by default 9, or of a video without time stamps, by default its stated rate
+        or else 9. It is an error for a source with its own times.
 
     Raises
     ------
     SourceError
-        If it is none of these or cannot be opened.
+        If the source is none of these, or cannot be opened.
     DatasetError
-        If it is a dataset that cannot be read.
+        If the source is a dataset that cannot be read.
     """
     _refuse_empty(source)
     if "://" in str(source):
@@ -139,7 +139,7 @@ def _refuse_empty(source: str | Path) -> None:
 def _folder(path: Path, rate_hz: float | None) -> PictureFiles:
     files = pictures.of(path)
     if not files:
-        raise SourceError(f"{path}: no pictures in it ({', '.join(pictures.SUFFIXES)})")
+        raise SourceError(f"{path}: it contains no pictures ({', '.join(pictures.SUFFIXES)})")
     rate = UNTIMED_HZ if rate_hz is None else rate_hz
     times = tuple(i / rate for i in range(len(files)))
     bits = pictures.bits(files)
@@ -154,9 +154,9 @@ def _untimed(video: Video | Stream, rate_hz: float | None) -> Source:
 
 
 def _dataset(path: Path, rate_hz: float | None) -> PictureFiles:
-    """Pictures of a dataset; its independent frames have no time."""
+    """Pictures of a dataset; independent frames have no time."""
     if rate_hz is not None:
-        raise SourceError(f"{printable(path)} is a dataset, whose labels hold the times; {_RATE_IS_OF}")
+        raise SourceError(f"{printable(path)} is a dataset, whose labels contain the times; {_RATE_IS_OF}")
     rows, labels_sha256 = frame_files.read(path)
     times: list[float | None] = []
     begin, clip = 0.0, rows[0].clip
@@ -174,7 +174,7 @@ def camera_beside(source: str | Path) -> Path:
     Raises
     ------
     SourceError
-        If there is none, or no source.
+        If there is no camera file, or no source.
     DatasetError
         If the source is a dataset that cannot be read, such as an unfinished one.
     """
@@ -186,7 +186,7 @@ def camera_beside(source: str | Path) -> Path:
         if os.path.isfile(beside):  # noqa: PTH113
             return beside
         open_source(path)  # which raises the reason for an invalid source
-    raise SourceError(f"{source}: no camera file in or beside it; name one by --camera")
+    raise SourceError(f"{source}: there is no camera file in it or beside it; name one by --camera")
 
 
 def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame]:
@@ -195,7 +195,7 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
     Raises
     ------
     SourceError
-        If the first picture is of another size: then source and camera file do not belong together.
+        If the first picture has another size: then source and camera file do not belong together.
     """
     size = (calibration.width_px, calibration.height_px)
     seen = False

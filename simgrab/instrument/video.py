@@ -1,4 +1,4 @@
-"""Videos and streams, decoded by FFmpeg: what was lost leaves lost frames, what breaks off gives what it held."""
+"""Videos and streams, decoded by FFmpeg. Gaps become lost frames; a truncated video gives the frames before its end."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ class Video:
     ----------
     path : Path
     rate_hz : float, optional
-        Of the frames, where the file has no time stamps; 9 unless it states a rate.
+        Rate of the frames, where the file has no time stamps; 9 unless it states a rate.
 
     Attributes
     ----------
     name : str
     count : int or None
-        Frames, where the file states them or its length; then about so many.
+        Number of frames, if the file states it; approximate if it states only its length.
     timed : bool
-        Whether it has time stamps, or a rate in their place.
+        Whether the file has time stamps, or a rate in their place.
 
     Raises
     ------
@@ -72,13 +72,14 @@ class Video:
         Raises
         ------
         SourceError
-            If the file is gone, breaks off before its first picture, or its pictures are turned by less than a quarter.
+            If the file is gone, is truncated before its first picture, or its pictures are turned by other than quarter
+            turns.
         """
         with self.opened() as stream:
             yield from _with_gaps(_decoded(stream, _Clock(stream, self.timed, self._rate_hz), self.name))
 
     def from_time(self, time_s: float) -> Generator[Frame, None, None]:
-        """Decode from a key frame at or before a time, or from the beginning where the file cannot be searched.
+        """Decode from a key frame at or before a time, or from the beginning if the file cannot be searched.
 
         Raises
         ------
@@ -110,7 +111,7 @@ class Video:
 
     @contextmanager
     def opened(self) -> Iterator[VideoStream]:
-        """Open the stream of its container that is read.
+        """Open the container, and its stream of pictures.
 
         Raises
         ------
@@ -146,7 +147,7 @@ class Stream:
     ----------
     name : str
     count : int or None
-        Frames, where the stream is a file that states them.
+        Number of frames, if the stream is a file that states it.
     timed : bool
         Whether it has time stamps.
 
@@ -174,11 +175,11 @@ class Stream:
         Raises
         ------
         SourceError
-            If it is read a second time, or breaks off before its first picture.
+            If it is read a second time, or ends before its first picture.
         """
         container, self._container = self._container, None
         if container is None:
-            raise SourceError(f"{self.name}: a stream can be read once")
+            raise SourceError(f"{self.name}: a stream can be read only once")
         with container:
             stream = stream_of(container)
             yield from _with_gaps(_decoded(stream, _Clock(stream, self.timed, self._rate_hz), self.name, live=True))
@@ -189,7 +190,7 @@ def _refusal(name: str) -> Refuse:
 
 
 def _timed(stream: VideoStream) -> bool:
-    """Whether the container has time stamps or a rate. Where it has none, FFmpeg makes up 25 frames/s."""
+    """Whether the container has time stamps or a rate. Without either, FFmpeg assumes 25 frames/s."""
     kind = stream.container.format
     return not kind.flags & _NO_TIMESTAMPS and not kind.name.endswith("_pipe")
 
@@ -202,7 +203,7 @@ def _count(stream: VideoStream) -> int | None:
 
 
 def _decoded(stream: VideoStream, clock: _Clock, name: str, *, live: bool = False) -> Iterator[Frame]:
-    """Pictures as they come, damaged ones as lost frames; ends with a lost frame where the video breaks off."""
+    """Yield pictures, with damaged ones as lost frames; a truncated video ends with a lost frame."""
     stream.codec_context.thread_count = 1  # the next picture is decoded while a core processes this one
     playback = Playback(stream, _refusal(name))
     broken, seen = "", False
@@ -220,9 +221,9 @@ def _decoded(stream: VideoStream, clock: _Clock, name: str, *, live: bool = Fals
 
 
 def _packets(stream: VideoStream, *, live: bool) -> Iterator[Packet[Any] | str]:
-    """Give the packets of a stream, after the last one of which a decoder gives what it holds back, and why it ends.
+    """Yield the packets of a stream, one that flushes the decoder, and the reason of the end.
 
-    Nothing is said of the end where all is there that the container states, as far as FFmpeg tells it.
+    The reason is empty if the stream is as long as the container states, as far as FFmpeg reports it.
     """
     container: Any = stream.container
     states_end, end = any(name in container.format.name for name in ("mp4", "matroska", "avi")), -math.inf
@@ -245,7 +246,7 @@ def _packets(stream: VideoStream, *, live: bool) -> Iterator[Packet[Any] | str]:
 
 
 def _stated_end(stream: VideoStream) -> float:
-    """Time of a video's end, s, as MP4 and Matroska state it; that of others is an estimate by FFmpeg."""
+    """Time of a video's end, s, as MP4 and Matroska state it; for other formats FFmpeg estimates it."""
     container: Any = stream.container
     if "mp4" in container.format.name and stream.duration and stream.time_base:
         return float(((stream.start_time or 0) + stream.duration) * stream.time_base)
@@ -261,7 +262,7 @@ def _advice(name: str, stream: VideoStream) -> str:
 
 
 def _rest(stream: VideoStream) -> Packet[Any]:
-    """Give the packet after the last, for which a decoder gives the pictures that it holds back."""
+    """Make the packet that flushes the decoder."""
     packet = Packet()
     packet.stream = stream
     if stream.time_base is not None:
@@ -286,16 +287,16 @@ def _frame(picture: VideoFrame, clock: _Clock, playback: Playback) -> Frame:
 
 
 class _Clock:
-    """Times of frames, from the first: their time stamps, as long as these increase.
+    """Times of frames since the first: their time stamps, if these increase.
 
     Attributes
     ----------
     step : float
-        Between frames that have no time stamps, s.
+        Step between frames without time stamps, s.
     note : str
-        What was assumed of the step; empty where nothing was.
+        Assumption on the step; empty if there is none.
     origin : float or None
-        Time stamp that counts as 0, s; None as long as there was none.
+        Time stamp that counts as 0, s; None before the first.
     searchable : bool
         Whether frames have the same times wherever decoding begins.
     """
@@ -332,7 +333,7 @@ class _Clock:
 
 
 def _with_gaps(frames: Iterator[Frame]) -> Iterator[Frame]:
-    """Put lost frames where the times leave room for them; the rate may change and is followed."""
+    """Insert lost frames into gaps of the times; changes of the frame rate are followed."""
     steps: deque[float] = deque(maxlen=_STEPS)
     last: float | None = None
     for frame in frames:

@@ -1,4 +1,4 @@
-"""Refuse, before anything is computed, a place where a result could not be written, or another process writes."""
+"""Refuse, before anything is computed, a place that cannot be written, or to which another process writes."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ LONGEST_INSIDE = 200
 
 
 def check_folder(path: Path, refuse: Refuse, option: str = "--out") -> None:
-    """Refuse a path at which no folder can be made, or into whose folder nothing can be written.
+    """Refuse a path at which no folder can be made, or whose parent folder cannot be written.
 
     Parameters
     ----------
     path : Path
     refuse : callable
-        From a line with path and reason to what is raised.
+        Makes the error to raise from a line with path and reason.
     option : str
-        By which another place is chosen.
+        Option that chooses another place.
     """
     found = _lookup(path, refuse, option)
     if found is not None and not stat.S_ISDIR(found):
@@ -40,9 +40,9 @@ def check_folder(path: Path, refuse: Refuse, option: str = "--out") -> None:
 
 @contextmanager
 def locked_folder(path: Path, refuse: Refuse, *, who: str = "simgrab", name: str = "") -> Iterator[None]:
-    """Make a folder, and refuse it to every other process until left.
+    """Make a folder, and lock it against other processes until the context is left.
 
-    Messages call what writes there ``who``, and the folder by its path unless it has a ``name``.
+    Messages name the writer ``who``, and the folder by ``name`` or else by its path.
     """
     with ExitStack() as stack:
         try:
@@ -57,7 +57,7 @@ def locked_folder(path: Path, refuse: Refuse, *, who: str = "simgrab", name: str
 
 @contextmanager
 def writing(what: str | Path, refuse: Refuse) -> Iterator[None]:
-    """Turn an error of the file system while ``what`` is written into one line that names it."""
+    """Turn an error of the file system into one line that names ``what`` is being written."""
     try:
         yield
     except OSError as problem:
@@ -65,14 +65,14 @@ def writing(what: str | Path, refuse: Refuse) -> Iterator[None]:
 
 
 def check_new_folder(path: Path, refuse: Refuse, option: str = "--out") -> None:
-    """Refuse a path that is taken, or at which no folder can be made; parameters as those of `check_folder`."""
+    """Refuse a path that is taken, or at which no folder can be made; parameters as for `check_folder`."""
     if _lookup(path, refuse, option) is not None:
         raise refuse(f"{path} exists; choose another {option}, or remove it")
     _check_parents(path, refuse, option)
 
 
 def check_file(path: Path, refuse: Refuse, option: str = "--out") -> None:
-    """Refuse a path at which no file can be written or replaced; parameters as those of `check_folder`."""
+    """Refuse a path at which no file can be written or replaced; parameters as for `check_folder`."""
     found = _lookup(path, refuse, option)
     if found is not None and not stat.S_ISREG(found):
         raise refuse(f"cannot write {path}: it is {kind_of(found)}, not a file; choose another {option}")
@@ -80,7 +80,7 @@ def check_file(path: Path, refuse: Refuse, option: str = "--out") -> None:
 
 
 def _lookup(path: Path, refuse: Refuse, option: str) -> int | None:
-    """Find what lies at a path: its mode, or None where there is nothing."""
+    """Return the mode of the file at a path; None if there is no file."""
     try:
         return path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):

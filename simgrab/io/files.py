@@ -1,8 +1,8 @@
-"""Files and folders that appear whole or not at all.
+"""Files and folders that appear complete or not at all.
 
-What is being written is called a draft: it lies beside the place it will take, hidden, and locked (flock) as long as
-its process runs. A draft without a lock was left by a process that is dead; the next one that writes to the same place
-removes it. Processes that write to one place are to be of one machine.
+A file or folder being written is called a draft. It is hidden, beside its final place, and locked (flock) while its
+process runs. A draft without a lock was left by a dead process; the next process that writes to the same place removes
+it. All processes that write to one place must run on one machine.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _ITSELF = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # follow no link, wait f
 
 @contextlib.contextmanager
 def drafted(path: Path) -> Iterator[Path]:
-    """Give a file to write to, which takes the place of ``path`` once it lies whole on the disk.
+    """Yield a file to write to. It replaces ``path`` once it is complete on the disk.
 
-    So it does if the process or the machine stops at any time. Left with an error, the draft is gone and what lay at
-    ``path`` is untouched. Folders that lack are made.
+    This holds if the process or the machine stops at any time. After an error the draft is removed and ``path`` is
+    unchanged. Missing folders are made.
 
     Raises
     ------
@@ -44,16 +44,16 @@ def drafted(path: Path) -> Iterator[Path]:
 
 
 def write(path: Path, content: bytes | str) -> None:
-    """Write a file as `drafted` does: whole or not at all, text as UTF-8."""
+    """Write a file as `drafted` does: completely or not at all, text as UTF-8."""
     with drafted(path) as draft:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def is_visible(path: Path, folder: Path) -> bool:
-    """Whether a path below a folder is one that a user put there.
+    """Whether a user put this path into the folder.
 
-    Hidden files and folders are not, such as macOS's ``._a.jpg`` beside ``a.jpg``, and nor is ``@eaDir``, in which a
-    Synology NAS keeps thumbnails.
+    False for hidden files and folders, such as macOS's ``._a.jpg`` beside ``a.jpg``, and for ``@eaDir``, a Synology
+    NAS's folder of thumbnails.
     """
     return not any(part.startswith(".") or part == "@eaDir" for part in path.relative_to(folder).parts)
 
@@ -66,9 +66,9 @@ def sha256(path: Path) -> str:
 
 @contextlib.contextmanager
 def drafted_folder(path: Path) -> Iterator[Path]:
-    """Give a folder to write into, which takes the name ``path`` at the end; a full folder there is in its way.
+    """Yield a folder to write into. It is renamed to ``path`` at the end; a folder there must be empty.
 
-    So it does if the process stops at any time; losses of files when the machine stops are not handled.
+    This holds if the process stops at any time; files lost when the machine stops are not handled.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def drafted_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def scratch(path: Path) -> Iterator[Path]:
-    """Give a hidden folder beside ``path`` to work in; at the end it is removed.
+    """Yield a hidden folder beside ``path`` to work in; it is removed at the end.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def scratch(path: Path) -> Iterator[Path]:
 
 
 def discard(path: Path) -> None:
-    """Remove a folder, or a file, at once: none is left half removed under its name.
+    """Remove a folder or file in one step: it is never left half removed under its name.
 
     Raises
     ------
@@ -115,9 +115,9 @@ def remove_left(path: Path) -> None:
 
 @contextlib.contextmanager
 def locked(lock: Path, *, wait: bool = False) -> Iterator[None]:
-    """Lock a file, which is made where there is none, against other processes and threads.
+    """Lock a file against other processes and threads; it is made if missing.
 
-    It stays locked until the context is left or the process ends. What the file holds is not changed.
+    It stays locked until the context is left or the process ends. Its content is not changed.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def locked(lock: Path, *, wait: bool = False) -> Iterator[None]:
         If it cannot be opened to write, or is not a regular file: a link is not followed.
     """
     if lock.is_symlink():
-        raise OSError(errno.ELOOP, f"{lock.name} is a link, and must be a file")
+        raise OSError(errno.ELOOP, f"{lock.name} is a link; it must be a regular file")
     with _locked(lock, 0 if wait else fcntl.LOCK_NB, os.O_RDWR | os.O_CREAT) as handle:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
             raise OSError(errno.EINVAL, f"{lock.name} is not a file")
@@ -142,7 +142,7 @@ def locked(lock: Path, *, wait: bool = False) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _draft(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
-    """Make a locked draft of ``path``; whatever of it is there at the end is removed."""
+    """Make a locked draft of ``path``; remove it at the end if it still exists."""
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_left(path)
     with contextlib.ExitStack() as stack:
@@ -169,12 +169,12 @@ def _new_file(path: Path) -> None:
 
 @contextlib.contextmanager
 def _locked(path: Path, how: int = 0, flags: int = os.O_RDONLY) -> Iterator[int]:
-    """Lock the very file or folder that has this name, and give its descriptor.
+    """Lock the file or folder that has this name, and return its descriptor.
 
     Raises
     ------
     FileNotFoundError
-        If it has it no more.
+        If it no longer has this name.
     OSError
         If it cannot be opened or locked.
     """

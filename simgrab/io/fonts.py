@@ -1,4 +1,4 @@
-"""Files of fonts that a display may be written in, read and checked before anything is drawn with them.
+"""Font files for the display, read and checked before anything is drawn with them.
 
 A scenario names one by the file's name and the SHA-256 of its content, as it names models of grabs; the bytes are kept
 in the process (`simgrab.io.models`).
@@ -30,8 +30,8 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     ----------
     path : str or Path
     refuse : callable
-        From a message to the error that is raised: for what cannot be read, is larger than `MOST_BYTES`, is no font, or
-        has not all of `CHARACTERS`.
+        Makes the error to raise from a message, for a file that cannot be read, is larger than `MOST_BYTES`, is not a
+        font, or lacks one of `CHARACTERS`.
     """
     path = Path(path)
     _check_name(path.name, refuse)
@@ -39,7 +39,7 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
 
 
 def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile:
-    """Keep a font of bytes, with the checks of `read`."""
+    """Keep a font given as bytes, with the checks of `read`."""
     _check_name(name, refuse)
     if set(files) != {name} or len(files[name]) > MOST_BYTES:
         raise refuse(f"{name}: is not one font file of at most {MOST_BYTES >> 20} MiB")
@@ -59,7 +59,7 @@ def sized(data: bytes | Path, size: int) -> ImageFont.FreeTypeFont:
 
 
 def _missing(font: ImageFont.FreeTypeFont) -> str:
-    """Characters that are blank, far too large, or drawn as a missing one is."""
+    """Characters that are blank, far too large, or drawn like a missing character."""
     for character in CHARACTERS:
         if max(map(abs, font.getbbox(character, anchor="ms"))) > _LARGEST * _EM:
             return character

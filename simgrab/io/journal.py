@@ -1,8 +1,8 @@
-"""A result that is made unit by unit: what it is, who makes it, which units are finished, and how it is taken up again.
+"""Journal of a result made unit by unit: its identity, its owner, its finished units, and how it is resumed.
 
-A dataset's units are frames, a video's are clips, a sharded dataset's are shards, and a study's are parts. What the
-result is, its identity, is claimed first; the file that says that all is there comes last. Between the two, a unit
-counts as finished once its record is there. Every file appears whole or not at all.
+A dataset's units are frames, a video's are clips, a sharded dataset's are shards, and a study's are parts. The claim,
+which states the result's identity, is written first; the file that marks the result as complete is written last.
+Between the two, a unit is finished once its record exists. Every file appears complete or not at all.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ class Journal:
     Parameters
     ----------
     store : Store
-        Where the result lies. Its drafts, if any, are made in the working folder.
+        Store of the result. Its drafts, if any, are made in the working folder.
     partial : str
-        Name of the working folder. Empty where any number of processes of any machine may write: then there are
-        neither lock nor records, and ``claim`` alone says that the result is unfinished.
+        Name of the working folder. Empty if any number of processes on any machines may write: then there is no lock
+        and there are no records, and ``claim`` alone marks the result as unfinished.
     claim : str
         Name of the file that holds the identity until the result is finished.
     whole : str
         Name of the file that comes last, and holds the identity from then on.
     kind, option : str
-        What messages call the result, and the option by which another place is chosen.
+        Name of the result in messages, and the option that chooses another place.
     name : str
-        What messages call the place, if not as the store does.
+        Name of the place in messages; by default the store's.
     """
 
     store: Store
@@ -62,30 +62,30 @@ class Journal:
 
     @property
     def folder(self) -> Path:
-        """Folder of a result that lies in one."""
+        """Folder of the result, if it is stored in a folder."""
         folder = self.store.folder
         assert folder is not None
         return folder
 
     @property
     def begun(self) -> bool:
-        """Whether a result of this kind is there, be it finished, of whatever identity."""
+        """Whether a result of this kind exists, finished or not, with any identity."""
         return self.known(self.claim) is not None or self.known(self.whole) is not None
 
     def check(self, identity: dict[str, Any], *, resume: bool) -> bool:
-        """Refuse a place that cannot be used, or that holds anything else.
+        """Refuse a place that cannot be used, or that contains anything else.
 
         Parameters
         ----------
         identity : dict
-            What makes the result what it is.
+            Data that define the result.
         resume : bool
             Go on with an unfinished result of the same identity; leave a finished one as it is.
 
         Returns
         -------
         bool
-            Whether anything remains to be made. What an interrupted end left of a finished result is removed.
+            Whether anything remains to be made. Leftovers of a finished result whose end was interrupted are removed.
         """
         if self.store.folder is not None:
             check_folder(self.folder, self.store.refuse, self.option)
@@ -105,7 +105,7 @@ class Journal:
         return whole is None
 
     def refuse_other(self, known: dict[str, Any], identity: dict[str, Any]) -> None:
-        """Refuse to go on with a result whose identity is ``known`` to be another."""
+        """Refuse to resume a result whose ``known`` identity is another."""
         identity = json.loads(_json(identity))  # as it is read back: lists in place of tuples
         if any(known.get(key) != identity.get(key) for key in {*identity, "extensions"}):
             raise self._refusal(
@@ -124,7 +124,7 @@ class Journal:
             raise self._refusal(f"contains something other than a simgrab {self.kind}; choose another {self.option}")
 
     def known(self, name: str) -> dict[str, Any] | None:
-        """Identity that a file of the result states; None where there is none."""
+        """Identity that a file of the result states; None if there is no such file."""
         if not self.store.exists(name):
             return None
         what = f"{self.store.place}/{name}: it is not valid JSON"
@@ -154,12 +154,12 @@ class Journal:
                 yield
 
     def finish(self, identity: dict[str, Any]) -> None:
-        """Write the file that comes last, and drop what is there for an unfinished result alone."""
+        """Write the last file, and remove the files of an unfinished result."""
         self.store.write(self.whole, _json(identity))
         self.close()
 
     def close(self) -> None:
-        """Drop what is there for an unfinished result alone."""
+        """Remove the files that only an unfinished result has."""
         if self.partial:
             with self.store.guarded():
                 shutil.rmtree(self.folder / self.partial)
@@ -168,11 +168,11 @@ class Journal:
                 self.store.remove(self.claim)
 
     def add(self, unit: str, record: bytes) -> None:
-        """Keep the record of a unit, by which it counts as finished: its other files are there."""
+        """Keep the record of a unit whose other files exist. This marks the unit as finished."""
         self.store.write(self.record(unit), record)
 
     def record(self, unit: str) -> str:
-        """Name of the file that a unit's record is kept in."""
+        """Name of the file of a unit's record."""
         return f"{self.partial}/{ROWS}/{unit}"
 
     def has(self, unit: str) -> bool:

@@ -1,4 +1,4 @@
-"""Files of 3-D models: the bytes of one and of all that it refers to, read before anything parses them.
+"""Files of 3-D models: the bytes of a model and of all files it refers to, read before anything parses them.
 
 A model may name other files: buffers and textures of glTF, material libraries of OBJ and their textures. They are read
 from the model's own folder and from nowhere else, and the parser is given these bytes and no others. A picture or a
@@ -41,28 +41,28 @@ class ModelFiles(dict[str, bytes]):
     """Files by their paths, with slashes, relative to the model's folder."""
 
     def named(self, name: str, of: str) -> bytes | None:
-        """Give the file that another one, ``of``, refers to by a name; None where it is not there."""
+        """Return the file that the file ``of`` refers to by a name; None if it is missing."""
         return next((self[place] for place in _places(name, of) if place in self), None)
 
 
 def _places(name: str, of: str) -> list[str]:
-    """Give the paths that a name in a file may mean: in that file's folder, and in the model's."""
+    """Return the paths that a name in a file may mean: in that file's folder, and in the model's."""
     plain = name.replace("\\", "/")
     return list(dict.fromkeys(posixpath.normpath(posixpath.join(*above)) for above in ((of, "..", plain), (plain,))))
 
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model's file and what it refers to.
+    """A model's file and the files it refers to.
 
     Attributes
     ----------
     name : str
-        Of the model's own file.
+        Name of the model's own file.
     files : ModelFiles
-        The model's own and those that it refers to, each by its path relative to the model's folder.
+        The model's own file and those it refers to, each by its path relative to the model's folder.
     missing : tuple of str
-        Pictures and material libraries that it refers to and that are not in its folder.
+        Pictures and material libraries that it refers to but that are not in its folder.
     """
 
     name: str
@@ -81,7 +81,7 @@ class ModelFile:
 
     @cached_property
     def sha256(self) -> str:
-        """Of the file; where it refers to others, of what ``sha256sum`` prints of all, sorted by name."""
+        """SHA-256 of the file. If it refers to others: of the output of ``sha256sum`` for all files, sorted by name."""
         digests = {name: hashlib.sha256(data).hexdigest() for name, data in self.files.items()}
         if len(digests) == 1:
             return next(iter(digests.values()))
@@ -90,7 +90,7 @@ class ModelFile:
 
 
 def copied(sha256: str) -> str:
-    """Folder, within a dataset, of the copy of a model."""
+    """Folder of a model's copy within a dataset."""
     return f"grabs/{sha256[:12]}"
 
 
@@ -103,12 +103,12 @@ def remember(model: ModelFile) -> ModelFile:
 
 
 def find(sha256: str, name: str) -> ModelFile | None:
-    """Give a model that was read in this process, or in the one that started it."""
+    """Return a model that was read in this process, or in the process that started it."""
     return _known.get((sha256, name))
 
 
 def recall(sha256: str, name: str, refuse: Refuse) -> ModelFile:
-    """Give a model that a scenario names; refuses one that was not read."""
+    """Return a model that a scenario names; refuses a model that was not read."""
     model = find(sha256, name)
     if model is None:
         raise refuse(
@@ -118,14 +118,14 @@ def recall(sha256: str, name: str, refuse: Refuse) -> ModelFile:
 
 
 def read(path: str | Path, refuse: Refuse) -> ModelFile:
-    """Read a model with all that it refers to, and keep it for `recall`.
+    """Read a model with all files it refers to, and keep it for `recall`.
 
     Parameters
     ----------
     path : str or Path
     refuse : callable
-        From a message to the error that is raised: for what cannot be read, is larger than `MOST_BYTES` together, has
-        more than `MOST_FACES` triangles by its own statement, or refers to a file outside its folder.
+        Makes the error to raise from a message, for a model that cannot be read, is larger than `MOST_BYTES` in total,
+        states more than `MOST_FACES` triangles, or refers to a file outside its folder.
     """
     path = Path(path)
     _check_name(path.name, refuse)
@@ -150,7 +150,7 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
 
 
 def _target(folder: Path, kind: str, places: list[str], refuse: Refuse) -> Path | None:
-    """Find what a file refers to, within the model's folder; None for a picture or library that is not there."""
+    """Find the file that another refers to, within the model's folder; None for a missing picture or library."""
     if kind == "picture":  # often named by its path on another machine
         places = [place for place in places if not _leaves(folder, place)]
     targets = [inside(folder, place, refuse) for place in places]
@@ -159,7 +159,7 @@ def _target(folder: Path, kind: str, places: list[str], refuse: Refuse) -> Path 
 
 
 def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse, missing: tuple[str, ...] = ()) -> ModelFile:
-    """Keep a model of bytes, with the checks of `read`."""
+    """Keep a model given as bytes, with the checks of `read`."""
     _check_name(name, refuse)
     if name not in files or sum(map(len, files.values())) > MOST_BYTES or len(files) > MOST_FILES:
         raise refuse(f"{name}: is not a model of at most {MOST_BYTES >> 20} MiB and {MOST_FILES} files")
@@ -181,7 +181,7 @@ def _about(name: str, refuse: Refuse) -> Refuse:
 
 
 def inside(folder: Path, name: str, refuse: Refuse) -> Path:
-    """Resolve the name of a file that may not leave a folder, by links neither."""
+    """Resolve the name of a file that may not lead out of a folder, not even through links."""
     if _leaves(folder, name):
         raise refuse(f"refers to {shown(name)}, which is outside its folder")
     return folder / PurePosixPath(name.replace("\\", "/"))
@@ -199,7 +199,7 @@ def _leaves(folder: Path, found: str) -> bool:
 
 
 def _references(name: str, data: bytes, refuse: Refuse) -> Iterator[tuple[str, str]]:
-    """Give what a file refers to: a buffer, a picture or a library, and its name."""
+    """Return the references of a file: for each, whether it is a buffer, picture or library, and its name."""
     kind = name.rpartition(".")[2].lower()
     if kind in ("glb", "gltf"):
         content = gltf(kind, data, refuse)
@@ -224,7 +224,7 @@ def _references(name: str, data: bytes, refuse: Refuse) -> Iterator[tuple[str, s
 
 
 def lines(data: bytes) -> Iterator[str]:
-    """Give the lines of an OBJ or MTL file that hold something, each without its margins, those that go on joined."""
+    """Return the non-empty lines of an OBJ or MTL file, stripped, with continued lines joined."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -234,7 +234,7 @@ def lines(data: bytes) -> Iterator[str]:
 
 
 def libraries(value: str) -> list[str]:
-    """Give the names of files in a line ``mtllib``; they may hold spaces."""
+    """Return the names of files in a line ``mtllib``; they may contain spaces."""
     words, found = value[:_MOST_OPTIONS].replace('"', "").split(), list[str]()
     start = 0
     for end, word in enumerate(words, 1):
@@ -255,7 +255,7 @@ _MOST_OPTIONS = 4096  # characters
 
 
 def map_name(value: str) -> tuple[str, dict[str, list[str]]]:
-    """Give the file's name, which may hold spaces, and the options of MTL's ``map_Kd``."""
+    """Return the file's name, which may contain spaces, and the options of MTL's ``map_Kd``."""
     options, rest = dict[str, list[str]](), value[:_MOST_OPTIONS].strip()
     while (key := rest.split(maxsplit=1)[0].lower() if rest else "") in MAP_OPTIONS:
         rest, options[key] = rest[len(key) :].lstrip(), []
@@ -269,7 +269,7 @@ def map_name(value: str) -> tuple[str, dict[str, list[str]]]:
 
 
 def textures(data: bytes) -> list[str]:
-    """Give the pictures that a PLY file's header names."""
+    """Return the pictures that a PLY file's header names."""
     found = (re.match(r"(?i)comment\s+texturefile\s+(.*\S)", " ".join(words)) for words in header(data))
     return [match[1] for match in found if match]
 
@@ -301,7 +301,7 @@ def gltf(kind: str, data: bytes, refuse: Refuse) -> dict[str, Any]:
 
 
 def tables(content: Mapping[str, Any], name: str, refuse: Refuse) -> list[dict[str, Any]]:
-    """Give a list of JSON objects of a glTF file."""
+    """Return a list of JSON objects of a glTF file."""
     entries = content.get(name, [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise refuse(f"its {name} are not a list of JSON objects")
@@ -309,7 +309,7 @@ def tables(content: Mapping[str, Any], name: str, refuse: Refuse) -> list[dict[s
 
 
 def _check_counts(model: ModelFile, refuse: Refuse) -> None:
-    """Refuse a model that states more than there may be, before memory is taken for it."""
+    """Refuse a model that states more than the limits, before memory is allocated for it."""
     data, vertices = model.data, 0
     match model.format:
         case "glb" | "gltf":
@@ -333,7 +333,7 @@ def _check_counts(model: ModelFile, refuse: Refuse) -> None:
 
 
 def _shown(content: Mapping[str, Any], refuse: Refuse) -> tuple[int, int]:
-    """Count triangles and vertices of a glTF file, as often as its nodes show them."""
+    """Count triangles and vertices of a glTF file, once for each time a node shows them."""
     for name, most in (("nodes", MOST_NODES), ("materials", MOST_MATERIALS)):
         if len(tables(content, name, refuse)) > most:
             raise refuse(f"has {len(content[name])} {name}; the limit is {most}")

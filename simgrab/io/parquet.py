@@ -1,7 +1,7 @@
-"""Read and write parquet files: one reader, which answers whatever a file holds with one line.
+"""Read and write parquet files. One reader reports any defect of a file in one line.
 
-pyarrow reads and writes through open files: it takes no path that is no UTF-8. It reads without threads of Arrow's own,
-one of which, letting go of an object of Python's while Python ends, would abort the process.
+pyarrow reads and writes through open files: it accepts only UTF-8 paths. It reads without Arrow's own threads: a thread
+that releases a Python object while Python exits would abort the process.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ def read_table(path: str | Path, refuse: Refuse, kind: str = "", columns: Sequen
     ----------
     path : path
     refuse : callable
-        From a line with file and reason to what is raised.
+        Makes the error to raise from a line with file and reason.
     kind : str
-        What such a file is called, e.g. ``"truth table"``.
+        Name of this kind of file in messages, e.g. ``"truth table"``.
     columns : sequence of str, optional
         Names of the columns to read; all by default.
     """
@@ -47,8 +47,8 @@ def read_table(path: str | Path, refuse: Refuse, kind: str = "", columns: Sequen
 def parse_table(file: BinaryIO, refuse: Refuse, what: str, columns: Sequence[str] | None = None) -> pa.Table:
     """Read an open parquet file; ``what`` begins the error line.
 
-    A few bytes of a file can stand for a table of any size, so that its rows are read some at a time and their memory
-    is counted. Nothing but schema and number of rows is looked up in the footer: Arrow aborts on some that are damaged.
+    A few bytes of a file can encode a table of any size, so rows are read in batches and their memory is counted. Only
+    the schema and the number of rows are read from the footer: Arrow aborts on some damaged footers.
     """
     with _refusing(refuse, what):
         known = pq.ParquetFile(file, pre_buffer=False)  # buffering would be done in threads
@@ -79,9 +79,9 @@ def parse_table(file: BinaryIO, refuse: Refuse, what: str, columns: Sequence[str
 
 
 def rows(table: pa.Table, refuse: Refuse, what: str) -> list[dict[str, Any]]:
-    """Rows of a table as plain data; ``what`` begins the line that names a column which Python cannot hold.
+    """Rows of a table as plain data; ``what`` begins the error line, which names a column that Python cannot represent.
 
-    A column holds one number, text or truth value in each row, or a list of floats.
+    Each value is a number, a text, a truth value or a list of floats.
     """
     columns: dict[str, list[Any]] = {}
     for name, column in zip(table.column_names, table.columns, strict=True):
@@ -107,7 +107,7 @@ def _is_plain(kind: pa.DataType) -> bool:
 
 
 def groups(path: Path) -> Iterator[pa.Table]:
-    """Read a table of our own one row group at a time, as they were written.
+    """Read a table that simgrab wrote, one row group at a time.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Read what users write as text: one reader of text files, one parser each of TOML, JSON and YAML.
+"""Read users' text files: one reader of text, and one parser each for TOML, JSON and YAML.
 
-Whatever a file holds, and whatever lies in its place, is answered by one line with the file and the reason: a folder, a
-pipe or a device, bytes that are no UTF-8, nesting without end, numbers beyond 64 bits. A byte order mark is skipped.
+Every defect is reported in one line with the file and the reason: a folder, a pipe or a device in the file's place,
+bytes that are not UTF-8, endless nesting, numbers beyond 64 bits. A byte order mark is skipped.
 """
 
 from __future__ import annotations
@@ -53,22 +53,22 @@ def read_toml(path: str | Path, refuse: Refuse, kind: str = "") -> dict[str, Any
     ----------
     path : path
     refuse : callable
-        From a line with file and reason to what is raised.
+        Makes the error to raise from a line with file and reason.
     kind : str
-        What such a file is called, e.g. ``"camera file"``.
+        Name of this kind of file in messages, e.g. ``"camera file"``.
     """
     text = read_text(path, refuse, kind, most_bytes=MOST_TOML_BYTES)
     return parse_toml(text, refuse, f"{cannot(path, kind)}: it is not valid TOML")
 
 
 def read_json(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int = MOST_BYTES) -> Any:
-    """Read a JSON file; parameters as those of `read_toml`, and the most bytes that it may have."""
+    """Read a JSON file; parameters as for `read_toml`, and the greatest size in bytes."""
     text = read_text(path, refuse, kind, most_bytes=most_bytes)
     return parse_json(text, refuse, f"{cannot(path, kind)}: it is not valid JSON")
 
 
 def read_yaml(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int) -> Any:
-    """Read a YAML file; parameters as those of `read_json`. Its lists and mappings may contain themselves."""
+    """Read a YAML file; parameters as for `read_json`. Its lists and mappings may contain themselves."""
     from yaml import YAMLError, safe_load
 
     text = read_text(path, refuse, kind, most_bytes=most_bytes)
@@ -80,7 +80,7 @@ def read_yaml(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: i
 
 
 def read_text(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int = MOST_BYTES) -> str:
-    """Read a text file, UTF-8 with or without a byte order mark; parameters as those of `read_json`."""
+    """Read a text file, UTF-8 with or without a byte order mark; parameters as for `read_json`."""
     data = read_bytes(path, refuse, kind, most_bytes=most_bytes)
     try:
         return data.decode("utf-8-sig")
@@ -91,7 +91,7 @@ def read_text(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: i
 
 
 def read_bytes(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int) -> bytes:
-    """Read a regular file; parameters as those of `read_json`."""
+    """Read a regular file; parameters as for `read_json`."""
     with opened(path, refuse, kind, most_bytes=most_bytes) as file:
         # Memory is taken for as much as is asked for. A file may grow meanwhile, and one in /proc states no size.
         most = min(most_bytes, os.fstat(file.fileno()).st_size + _MOST_GROWTH)
@@ -103,7 +103,7 @@ def read_bytes(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: 
 
 @contextlib.contextmanager
 def opened(path: str | Path, refuse: Refuse, kind: str = "", *, most_bytes: int) -> Iterator[BufferedReader]:
-    """Open a regular file to read bytes; never waits for the other end of a pipe."""
+    """Open a regular file to read bytes; never waits for a pipe."""
     what = cannot(path, kind)
     try:
         file = open(path, "rb", opener=_open_at_once)  # noqa: SIM115
@@ -126,17 +126,17 @@ def _open_at_once(path: str, flags: int) -> int:
 
 
 def is_file(path: str | Path, refuse: Refuse) -> bool:
-    """Whether a regular file, or a link to one, lies at a path; refuses a path at which that cannot be determined."""
+    """Whether a path is a regular file, or a link to one; raises an error if that cannot be determined."""
     return stat.S_ISREG(_mode(path, refuse))
 
 
 def is_dir(path: str | Path, refuse: Refuse) -> bool:
-    """Whether a folder, or a link to one, lies at a path; refuses a path at which that cannot be determined."""
+    """Whether a path is a folder, or a link to one; raises an error if that cannot be determined."""
     return stat.S_ISDIR(_mode(path, refuse))
 
 
 def _mode(path: str | Path, refuse: Refuse) -> int:
-    """Mode of what lies at a path; 0 where there is nothing."""
+    """Mode of the file at a path; 0 if there is none."""
     try:
         return Path(path).stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -151,7 +151,7 @@ def cannot(path: str | Path, kind: str = "") -> str:
 
 
 def kind_of(mode: int) -> str:
-    """Name what lies at a path, from its mode."""
+    """Name the kind of a file from its mode."""
     return next((name for is_it, name in _KINDS if is_it(mode)), "something else")
 
 
@@ -172,7 +172,7 @@ def parse_toml(text: str, refuse: Refuse, what: str) -> dict[str, Any]:
 
 
 def parse_value(text: str, refuse: Refuse, what: str) -> Any:
-    """Parse one value as TOML; a date, and one line that is no TOML, are taken as text."""
+    """Parse one value as TOML. A date, or a line that is not TOML, is taken as text."""
     try:
         data = _loads_toml(f"v = {text}")
     except tomllib.TOMLDecodeError:
@@ -216,11 +216,11 @@ _TOO_DEEP = f"tables and lists must not be nested deeper than {MOST_LEVELS} leve
 
 
 def find_misfit(data: Any, *, finite: bool = False) -> tuple[str, str] | None:
-    """Find what no file of ours has room for: returns its dotted key and what is wrong, or None.
+    """Find a value that simgrab's files cannot store: returns its dotted key and the problem, or None.
 
-    That is an integer beyond 64 bits, nesting beyond `MOST_LEVELS`, and a text or key that is no Unicode: half of a
-    pair of surrogates, as JSON may escape it and as Python decodes bytes of an argument that are no UTF-8. Where
-    ``finite`` is asked for, so are infinite numbers and NaN.
+    Such values are integers beyond 64 bits, nesting beyond `MOST_LEVELS`, and texts or keys with lone surrogates. These
+    come from JSON escapes and from arguments that are not UTF-8. With ``finite``, infinite numbers and NaN are found
+    too.
     """
     left: list[tuple[Any, tuple[str, ...]]] = [([data], ())]
     while left:
@@ -262,7 +262,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def shown(value: Any) -> str:
-    """Write a value for a message, cut where it is long."""
+    """Write a value for a message; a long one is shortened."""
     text = repr(value)
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"
 

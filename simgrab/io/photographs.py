@@ -1,4 +1,4 @@
-"""Files of photographs and videos that a scenario shows below the grab, read and checked before anything shows them.
+"""Photographs and videos that a scenario shows below the grab, read and checked before they are used.
 
 A scenario names them by the name of a file or folder and the SHA-256 of the content, as it names models of grabs; the
 bytes are kept in the process (`simgrab.io.models`).
@@ -43,10 +43,10 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     Parameters
     ----------
     path : str or Path
-        Of a folder, those that `simgrab.io.pictures.of` lists.
+        A file, or a folder whose pictures are those that `simgrab.io.pictures.of` lists.
     refuse : callable
-        From a message to the error that is raised: for what cannot be read or decoded, is larger than
-        `simgrab.io.models.MOST_BYTES` together, or than `MOST_PIXELS` each.
+        Makes the error to raise from a message, for files that cannot be read or decoded, are larger than
+        `simgrab.io.models.MOST_BYTES` in total, or than `MOST_PIXELS` each.
     """
     path, left = Path(path), MOST_BYTES
     if not is_dir(path, refuse):
@@ -70,7 +70,7 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
 
 
 def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile:
-    """Keep photographs of bytes, with the checks of `read`."""
+    """Keep photographs given as bytes, with the checks of `read`."""
     if not files:
         raise refuse(f"{name} holds no photograph; they end in {', '.join('.' + ending for ending in PHOTOGRAPHS)}")
     if sum(map(len, files.values())) > MOST_BYTES or len(files) > MOST_FILES:
@@ -113,7 +113,7 @@ class Sequence:
         return self._count
 
     def __getitem__(self, number: int) -> Picture:
-        """Decode a picture, RGB, shape (height, width, 3); a video's frames are fastest in order."""
+        """Decode a picture, RGB, shape (height, width, 3); a video is decoded fastest in frame order."""
         if not self.is_video:
             picture: Picture = self._kept(self._names[number])
             return picture
@@ -153,7 +153,7 @@ def _check_size(name: str, width: int, height: int, refuse: Refuse) -> None:
 
 
 def _video(name: str, data: bytes, refuse: Refuse) -> tuple[InputContainer, VideoStream]:
-    """Open a video, and the stream of it that players show."""
+    """Open a video and the stream that players show."""
     container = open_video(io.BytesIO(data), lambda why: refuse(f"{name}: {why}"))
     stream = stream_of(container)
     codec = stream.codec_context

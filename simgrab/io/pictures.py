@@ -1,6 +1,7 @@
-"""Picture files from outside: read whole or refused, by Pillow, which reads a picture's size before its pixels.
+"""Users' picture files, read completely or refused. Pillow reads them, because it reads the size before the pixels.
 
-OpenCV decodes TIFF, because Pillow lets libtiff print what is wrong, and values of 16 bits, of which Pillow drops half.
+OpenCV decodes TIFF, because Pillow lets libtiff print its errors, and 16-bit values, because Pillow drops half of the
+bits.
 """
 
 from __future__ import annotations
@@ -46,15 +47,15 @@ _TIFF_UNSIGNED = {1, 4}  # formats of values, or not stated; others are signed o
 
 
 def of(folder: Path, suffixes: Collection[str] = SUFFIXES, *, below: bool = False) -> tuple[Path, ...]:
-    """Picture files of a folder that `is_visible` admits, by the numbers in their names.
+    """Picture files of a folder, sorted by the numbers in their names; only those that `is_visible` accepts.
 
     Parameters
     ----------
     folder : Path
     suffixes : collection of str
-        In lower case, with the dot; those of the files may be in upper case.
+        In lower case, with the dot; the files' own suffixes may be in upper case.
     below : bool
-        Also of the folders in it.
+        Whether to list the pictures of subfolders too.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def of(folder: Path, suffixes: Collection[str] = SUFFIXES, *, below: bool = Fals
 
 
 def hidden(folder: Path) -> str:
-    """Say how many pictures `of` leaves out of a folder because they are hidden; empty where it leaves out none."""
+    """Return a sentence with the number of hidden pictures that `of` leaves out; empty if there are none."""
     few = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not is_visible(path, folder)]
     return f"hidden pictures are not read: {len(few)}, such as {few[0].name}" if few else ""
 
@@ -83,8 +84,8 @@ def _by_number(path: Path) -> tuple[tuple[tuple[bool, int, str], ...], Path]:
 def bits(files: Sequence[Path]) -> int | None:
     """Find how many bits the values of a folder's 16-bit pictures have: cameras store 10, 12 or 14 of them in 16.
 
-    They are as many as the files state (PNG's ``sBIT``, TIFF's ``MaxSampleValue``), or else as hold the greatest value
-    of a few pictures that are spread over the folder. All of its pictures are then scaled alike.
+    The files may state the number (PNG's ``sBIT``, TIFF's ``MaxSampleValue``). Otherwise it follows from the greatest
+    value in a few pictures spread over the folder. All pictures of the folder are scaled alike.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def bits(files: Sequence[Path]) -> int | None:
     Returns
     -------
     int or None
-        8, 10, 12, 14 or 16, or what is stated; None where those that were looked at are no 16-bit pictures.
+        8, 10, 12, 14 or 16, or the stated number; None if the pictures read are not 16-bit pictures.
     """
     greatest, stated = -1, 0
     for path in files[:: max(len(files) // _LOOKED_AT, 1)]:
@@ -108,7 +109,7 @@ def bits(files: Sequence[Path]) -> int | None:
 
 
 def scaled(bits: int | None) -> str:
-    """Say that pictures are scaled from fewer bits than 16; empty where they are not."""
+    """Return a note that pictures are scaled from fewer than 16 bits; empty if they are not."""
     return f"16-bit pictures are read as of {bits} bits: no greater value was found" if bits and bits < 16 else ""
 
 
@@ -120,8 +121,8 @@ def read(path: Path, bits: int | None = None) -> NDArray[np.uint8]:
     path : Path
         JPEG, PNG, BMP, TIFF or WebP, by its content.
     bits : int, optional
-        Of a 16-bit picture's values, as `bits` finds them in the folder. Unless given, a picture whose values are all
-        below 2¹⁴ is refused: it may have 14 bits or fewer, or be dark.
+        Bits of a 16-bit picture's values, as `bits` finds them in the folder. Unless given, a picture whose values are
+        all below 2¹⁴ is refused: it may have 14 bits or fewer, or be dark.
 
     Returns
     -------
@@ -152,14 +153,14 @@ def decode(data: bytes, path: Path | str, bits: int | None = None, *, half: bool
     path : path or str
     bits : int, optional
     half : bool
-        Decode a JPEG at half its size, which takes a fraction of the time.
+        Decode a JPEG at half its size, in a fraction of the time.
 
     Raises
     ------
     PictureError
-        If it is no JPEG, PNG, BMP, TIFF or WebP, is cut off or damaged, holds several pictures, has values of more
-        than 16 bits or than ``bits``, more than `MOST_PIXELS` pixels, a side above `MOST_SIDE` or more than
-        `MOST_SCANS` scans.
+        If the picture is not a JPEG, PNG, BMP, TIFF or WebP, is truncated or damaged, contains several pictures, has
+        values of more than 16 bits or of more than ``bits``, more than `MOST_PIXELS` pixels, a side above `MOST_SIDE`,
+        or more than `MOST_SCANS` scans.
     """
     with _opened(data, path) as image:
         if isinstance(image, TiffImageFile) or _depth(image, data) > 8:
@@ -177,7 +178,7 @@ def decode(data: bytes, path: Path | str, bits: int | None = None, *, half: bool
 
 
 def _opened(data: bytes, path: Path | str) -> ImageFile:
-    """Open a picture, of which no pixel is decoded yet."""
+    """Open a picture without decoding its pixels."""
     reader = next((reader for start, reader in _READERS.items() if data.startswith(start)), None)
     if reader is None:
         raise PictureError(path, "it is not a JPEG, PNG, BMP, TIFF or WebP" if data else "it is empty")
@@ -200,7 +201,7 @@ def _opened(data: bytes, path: Path | str) -> ImageFile:
 
 
 def _problem(image: ImageFile, *, several: bool) -> str:
-    """Say why a picture is not decoded; empty where it is."""
+    """Return why a picture is refused; empty if it is not."""
     if several:
         return "it holds several pictures"
     if isinstance(image, TiffImageFile):
@@ -222,7 +223,7 @@ def _depth(image: ImageFile, data: bytes) -> int:
 
 
 def _stated(image: ImageFile, data: bytes) -> int:
-    """Bits of the values, as a PNG or TIFF states them; else 0."""
+    """Bits of a value that a PNG or TIFF states; 0 if none are stated."""
     if isinstance(image, TiffImageFile):
         depth, largest = _depth(image, data), image.tag_v2.get(_TIFF_LARGEST, 0)
         return depth if depth < 16 else int(np.max(largest)).bit_length()
@@ -258,7 +259,7 @@ def _eight_bits(picture: NDArray[np.uint16], path: Path | str, bits: int | None)
 
 
 def too_large(width: int, height: int) -> str:
-    """Say that a picture of this size is too large; empty where it is not."""
+    """Return an error line if a picture of this size is too large; empty if it is not."""
     if width * height <= MOST_PIXELS and max(width, height) <= MOST_SIDE:
         return ""
     most = f"{MOST_PIXELS / 1e6:.0f} megapixels and {MOST_SIDE} px a side"

@@ -1,8 +1,7 @@
-"""Decoded frames of a video as a player shows them: of one moment, in standard range, with square pixels, upright.
+"""Decoded frames of a video as a player shows them: deinterlaced, in standard range, with square pixels, upright.
 
-The coded pictures alone are not what a camera file describes. A file states beside them how they are to be shown:
-whether two fields were taken one after the other, by which transfer function light was coded, how wide a pixel is, and
-how the picture is turned.
+A camera file describes these shown pictures, not the coded ones. A video states how to show its coded pictures: whether
+they are interlaced, their transfer function, the width of a pixel, and how the picture is turned.
 """
 
 from __future__ import annotations
@@ -68,14 +67,15 @@ _SKEW = 0.01  # of a display matrix, whose entries are rounded
 
 
 def open_video(source: str | BinaryIO, refuse: Refuse) -> InputContainer:
-    """Open a video file or the URL of a stream; what it names itself is not opened, so that playlists are refused.
+    """Open a video file or the URL of a stream. Files that it names are not opened, so playlists are refused.
 
     Parameters
     ----------
     source : str or binary file
-        A URL, or a file that is open.
+        A URL, or an open file.
     refuse : callable
-        From a message to the error that is raised: where it cannot be opened, has no pictures or too large ones.
+        Makes the error to raise from a message, for a video that cannot be opened, or whose pictures are missing or too
+        large.
     """
     formats, protocols = (FORMATS, ("none",)) if not isinstance(source, str) else (FORMATS + STREAM_FORMATS, PROTOCOLS)
     rules = {"format_whitelist": ",".join(formats), "protocol_whitelist": ",".join(protocols)}
@@ -112,7 +112,7 @@ def _problem(container: InputContainer) -> str:
 
 
 def stream_of(container: InputContainer) -> VideoStream:
-    """Choose the stream that players show by default: the first that is marked so, or else the first of all."""
+    """Choose the stream that players show: the first one marked as the default, or else the first."""
     videos = _videos(container)
     return next((stream for stream in videos if stream.disposition & Disposition.default), videos[0])
 
@@ -122,7 +122,7 @@ def _videos(container: Container) -> list[VideoStream]:
 
 
 def squared(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
-    """Size of a picture whose pixels are made square, the longer side of them being kept, px."""
+    """Size, px, of a picture after its pixels are made square; the longer side of a pixel keeps its length."""
     return (round(width * aspect), height) if aspect > 1 else (width, round(height / aspect))
 
 
@@ -133,7 +133,7 @@ class Playback:
     ----------
     stream : VideoStream
     refuse : callable
-        From a message to the error that is raised where frames are turned by less than a quarter.
+        Makes the error to raise from a message, for frames that are not turned by a multiple of 90°.
     """
 
     def __init__(self, stream: VideoStream, refuse: Refuse) -> None:
@@ -148,7 +148,7 @@ class Playback:
         return self.placed(np.asarray(self.plain(frame).to_ndarray(format="rgb24"), np.uint8), frame)
 
     def plain(self, frame: VideoFrame) -> VideoFrame:
-        """Give the same picture as of one moment, and in standard dynamic range.
+        """Deinterlace a frame, and convert it to standard dynamic range.
 
         Of an interlaced frame what moves is as in the first field, interpolated, and what stands still is of both: a
         display keeps its resolution. What moves is found by comparison with the frame given before.
@@ -160,7 +160,7 @@ class Playback:
         return frame
 
     def _filtered(self, frame: VideoFrame, times: int, *chain: str) -> VideoFrame:
-        """Filter a frame; a filter that waits for the next one is given this one twice."""
+        """Filter a frame. A filter that waits for the next frame gets this one twice."""
         kind = frame.width, frame.height, frame.format.name, frame.colorspace, frame.color_range, frame.color_trc
         known = self._graphs.get(chain)
         if known is None or known[0] != kind:
@@ -189,7 +189,7 @@ class Playback:
         return np.ascontiguousarray(picture[:: -1 if rows else 1, :: -1 if columns else 1])
 
     def note(self, frame: VideoFrame) -> str:
-        """Say what was done to a frame and is not to be expected; empty where nothing was."""
+        """Return a note on unusual changes made to a frame; empty if there were none."""
         notes, coded = [], (frame.width, frame.height)
         if self._videos > 1:
             notes.append(f"of {self._videos} video streams FFmpeg's #{self._index} is read")
@@ -205,7 +205,7 @@ class Playback:
         return "; ".join(notes)
 
     def _turn(self, frame: VideoFrame) -> Turn:
-        """Read the display matrix: x' = a x + c y, y' = b x + d y; scale and shift are left to the players."""
+        """Read the display matrix: x' = a x + c y, y' = b x + d y; scale and shift are ignored."""
         data: Any = frame.side_data.get("DISPLAYMATRIX")
         if data is None:
             return _UPRIGHT
@@ -219,7 +219,7 @@ class Playback:
 
 
 def aspect_of(stream: VideoStream) -> Fraction:
-    """Width of a pixel over its height, as container or else coder state it; 1 where neither does."""
+    """Width of a pixel over its height, as the container or else the coder states it; 1 if neither does."""
     return stream.sample_aspect_ratio or Fraction(1)
 
 

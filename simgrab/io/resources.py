@@ -1,4 +1,4 @@
-"""Where the bundled files are: inside the installed wheel, or beside the package in a checkout."""
+"""Places of the bundled files: inside the installed wheel, or beside the package in a checkout."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callab
     ----------
     wanted : str or path
     folder : Path
-        Of the bundled ones.
+        Folder of the bundled files.
     kind, kinds : str
-        What such a file and several of them are called.
+        Singular and plural name of this kind of file in messages.
     refuse : callable
-        From a line that lists what there is to what is raised.
+        Makes the error to raise from a line that lists the valid names.
     """
     if not isinstance(wanted, str | os.PathLike):
         raise refuse(f"a {kind} is a name or a path, got {type(wanted).__name__}")
@@ -57,6 +57,6 @@ def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callab
 
 
 def suggestion(word: str, valid: Iterable[str]) -> str:
-    """Ask whether the nearest valid word was meant; empty where none is near."""
+    """Return a question whether the nearest valid word was meant; empty if none is near."""
     close = difflib.get_close_matches(word, list(valid), n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""

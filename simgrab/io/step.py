@@ -1,7 +1,6 @@
 """STEP files of CAD programs, converted to GLB by OpenCASCADE (`cascadio`, the extra ``step``).
 
-The library is native code, and a file may come from anyone: it runs in a process of its own, with limits of time and
-memory.
+The library is native code and files are untrusted, so it runs in its own process, with limits of time and memory.
 """
 
 from __future__ import annotations
@@ -45,10 +44,10 @@ def glb(path: str | Path, refuse: Refuse, *, tolerance_mm: float = 2.0) -> bytes
     ----------
     path : str or Path
     refuse : callable
-        From a message to the error that is raised: for a file that is none, that shows no surface or takes longer or
-        more memory than a conversion may, and without `cascadio`.
+        Makes the error to raise from a message, for a file that is not STEP, contains no surface or exceeds the limits
+        of time or memory, and if `cascadio` is missing.
     tolerance_mm : float
-        Largest distance of a facet from the surface that it stands for.
+        Largest distance of a facet from the exact surface, mm.
 
     Returns
     -------

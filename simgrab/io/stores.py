@@ -1,4 +1,4 @@
-"""Files by name below a folder or a URL of an object store, by fsspec. A file appears whole or not at all."""
+"""Files by name below a folder or a URL of an object store, by fsspec. A file appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def is_url(place: object) -> bool:
 class Store:
     """Files below a place. It can be pickled; each process opens a connection of its own.
 
-    Whatever a driver raises comes as an error of one line. Requests to remote stores are repeated, with growing pauses,
-    before that.
+    Any error of a driver is raised as one line. Before that, requests to remote stores are repeated with growing
+    pauses.
 
     Parameters
     ----------
@@ -51,10 +51,11 @@ class Store:
         Path of a folder, or a URL as fsspec takes it: ``s3://…``, ``gs://…``, ``file://…``; settings of the driver come
         from its environment, such as ``AWS_ENDPOINT_URL``.
     drafts : str
-        Of a folder: name of a folder below it in which files are drafted. They are not synchronised with the disk, and
-        those that a dead process left are not looked for. Drafts lie beside their files, and are both, unless given.
+        Of a folder: name of a folder below it in which files are drafted. Drafts there are not synchronised with the
+        disk, and those left by a dead process are not removed. By default drafts lie beside their files, are
+        synchronised, and are removed.
     refuse : callable
-        From a line to what is raised.
+        Makes the error to raise from a line.
     """
 
     place: str
@@ -66,7 +67,7 @@ class Store:
 
     @property
     def _opened(self) -> tuple[Any, str]:
-        """The file system and the path below it, opened by this process: a fork cannot use its parent's."""
+        """The file system and the path below it, opened by this process: a fork cannot use its parent's connection."""
         process, system, base = self.__dict__.get("_cached", (0, None, ""))
         if process != os.getpid():
             system, base = self._open()
@@ -94,7 +95,7 @@ class Store:
 
     @property
     def folder(self) -> Path | None:
-        """The folder that it is; None in a remote store."""
+        """The folder of the store; None for a remote one."""
         if not is_url(self.place):
             return Path(self.place)
         if not self.place.lower().startswith("file://"):
@@ -114,7 +115,7 @@ class Store:
 
     @contextlib.contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """Give a local file to write to, which takes the name at the end; left with an error, nothing does."""
+        """Yield a local file to write to. It takes the name at the end, but not after an error."""
         with self.guarded(), contextlib.ExitStack() as stack:
             if self.folder is None:
                 draft = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="simgrab-"))) / "draft"
@@ -145,12 +146,12 @@ class Store:
         self._tried(f"write {name} to", attempt)
 
     def read(self, name: str, *, most_bytes: int, span: tuple[int, int] | None = None) -> bytes:
-        """Read a file, or the bytes of a span of it, from its start to before its end.
+        """Read a file, or a span of its bytes (start included, end excluded).
 
         Raises
         ------
         DatasetError
-            If it is not there, or longer than ``most_bytes``.
+            If it is missing, or longer than ``most_bytes``.
         """
         start, end = span or (0, None)
         if span is None and (found := self._size(name)) > most_bytes:
@@ -236,7 +237,7 @@ class Store:
 
     @contextlib.contextmanager
     def guarded(self) -> Iterator[None]:
-        """Answer an error of the local file system with one line."""
+        """Raise an error of the local file system as one line."""
         try:
             yield
         except OSError as problem:

@@ -1,4 +1,4 @@
-"""Strict typed structs: checked from a file and in Python alike, with messages that name the key and what is valid."""
+"""Strict typed structs, checked both from files and from Python. Messages name the key and the valid values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 def about(description: str, **limits: Any) -> msgspec.Meta:
-    """Describe a field, in its annotation, with the limits of its values as msgspec has them; the unit is its suffix.
+    """Describe a field in its annotation, with msgspec's limits of its values. The unit is the suffix of its name.
 
     The JSON schema of scenes, the reference of keys and the controls of the studio show the description.
     """
@@ -29,8 +29,8 @@ def about(description: str, **limits: Any) -> msgspec.Meta:
 class Checked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of structs whose values are checked wherever they come from: a file, a call in Python, or a replacement.
 
-    Types and ranges are those of the annotations; a subclass checks in `check` what several values must keep to.
-    Numbers and lists become what they are from a file: 3 is 3.0 where a float is wanted, and a list a tuple.
+    Annotations give types and ranges; a subclass checks in `check` conditions on several values. Values are converted
+    as from a file: 3 becomes 3.0 where a float is required, and a list becomes a tuple.
     """
 
     error: ClassVar[type[SimgrabError]] = ScenarioError
@@ -53,18 +53,18 @@ class Checked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def convert(data: Any, kind: type[T], error: Callable[..., SimgrabError] = ScenarioError, file: str | Path = "") -> T:
-    """Turn plain data into a struct, refusing what does not fit.
+    """Turn plain data into a struct; refuse data that do not fit.
 
     Parameters
     ----------
     data : mapping
-        Anything else is refused; as parsed from TOML or JSON.
+        Plain data as parsed from TOML or JSON; anything else is refused.
     kind : type
         A msgspec struct type.
     error : callable
-        Makes what is raised, of one line: the dotted key, what is wrong, and the valid keys or values.
+        Makes the error to raise from one line: the dotted key, the problem, and the valid keys or values.
     file : str or path
-        Where the data are from, with which the line begins.
+        File of the data, with which the line begins.
     """
     try:
         if not isinstance(data, Mapping):
@@ -86,7 +86,7 @@ def _refusal(error: Callable[..., SimgrabError], key: str, text: str, file: str 
 
 
 def _fit(struct: Checked) -> None:
-    """Refuse fields that do not fit their annotations, and make numbers and lists what they are from a file."""
+    """Refuse fields that do not fit their annotations, and convert numbers and lists as from a file."""
     fields = _fields(type(struct))
     if not fields:
         return
@@ -116,7 +116,7 @@ def _shadow(kind: type[msgspec.Struct]) -> type[msgspec.Struct]:
 
 
 def without_numpy(value: Any) -> Any:
-    """Turn NumPy's numbers and arrays into Python's, in tables and lists however deep."""
+    """Turn NumPy's numbers and arrays into Python's, in tables and lists at any depth."""
     if isinstance(value, Mapping):
         return {key: without_numpy(inner) for key, inner in value.items()}
     if isinstance(value, tuple | list):
@@ -139,7 +139,7 @@ def _members(annotation: Any) -> list[Any]:
 
 
 def _choices(annotation: Any) -> list[str]:
-    """Return the values of all Literals in an annotation, also of those of a list."""
+    """Return the values of all Literals in an annotation, also within lists."""
     if get_origin(annotation) is Literal:
         return [str(value) for value in get_args(annotation)]
     return [value for inner in get_args(annotation) for value in _choices(inner)]
@@ -156,7 +156,7 @@ def _by_tag(structs: list[type[msgspec.Struct]]) -> tuple[str, dict[str, type[ms
 
 
 def _choose(structs: list[type[msgspec.Struct]], value: Mapping[str, Any]) -> type[msgspec.Struct] | None:
-    """Pick the member of a union by its tag; None where that is missing or wrong."""
+    """Pick the member of a union by its tag; None if the tag is missing or wrong."""
     tag_field, by_tag = _by_tag(structs)
     return structs[0] if len(structs) == 1 else by_tag.get(str(value.get(tag_field)))
 
@@ -176,7 +176,7 @@ def of_another_kind(data: Mapping[str, Any], kind: type[msgspec.Struct], key: st
 
 
 def _written_out(data: Mapping[str, Any], kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """Write out a number where a table is wanted that a number alone gives, such as a constant distribution."""
+    """Write out the table that a number abbreviates, such as a constant distribution."""
     fields = _fields(kind)
     return {key: _whole(value, fields.get(key)) for key, value in data.items()}
 
@@ -196,7 +196,7 @@ def _whole(value: Any, annotation: Any) -> Any:
 def _read(problem: msgspec.ValidationError, data: Any, kind: Any) -> tuple[str, str]:
     """Split msgspec's message into a dotted key and a sentence, with the value that was given.
 
-    ``kind`` is what the data were to become.
+    ``kind`` is the expected type.
     """
     text, at, path = str(problem).rpartition(" - at `$")
     text, steps = (text, re.findall(r"\.\.\.|[^.\[\]`]+", path)) if at else (path, [])
@@ -229,7 +229,7 @@ def _read(problem: msgspec.ValidationError, data: Any, kind: Any) -> tuple[str, 
 
 
 def _inner(kind: Any, data: Any, step: str) -> Any:
-    """Return the type that a key of a table, or an entry of a list, was to become."""
+    """Return the expected type of a key of a table, or of an entry of a list."""
     if isinstance(data, Mapping):
         tag_field, tags = _by_tag(structs) if (structs := _structs_of(kind)) else ("", {})
         if step == tag_field:
@@ -257,7 +257,7 @@ _WORDS = {
 
 
 def in_words(text: str, table: str = _WORDS["object"]) -> str:
-    """Say what msgspec's message wants in words of TOML, without what it got; ``table`` is how to call a table."""
+    """State what msgspec's message requires, in TOML's terms, without the value given; ``table`` replaces "object"."""
     matched = re.match(r"Expected `([^`]+)`(.*?)(?:, got .*)?$", text, re.DOTALL)
     if not matched:
         return text[0].lower() + text[1:].replace("`", "")

@@ -1,1 +1,1 @@
-"""The judge: it compares what was measured with what is known."""
+"""Compares measurements with the truth."""

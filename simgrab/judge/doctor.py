@@ -1,4 +1,4 @@
-"""Find out whether this machine can render, with what, and what the bytes of its datasets depend on."""
+"""Report whether this machine can render, with what, and on what the bytes of its datasets depend."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Rasterizer:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What `examine` found.
+    """Result of `examine`.
 
     Attributes
     ----------
@@ -54,15 +54,15 @@ class Diagnosis:
     second_renderer : str
         The second renderer that audits use here, with its version; empty where there is none.
     second_problem : str
-        Why there is none and what to install.
+        Why there is no second renderer, and what to install.
     rasterizer : Rasterizer or None
-        Of Mesa's software renderer; None where another driver renders.
+        Version of Mesa's software renderer; None where another driver renders.
     cpu_features : dict of str to tuple of str
-        By library, what it takes from this CPU beyond what it was built for: features that NumPy and OpenCV dispatch
-        to, code of Intel's IPP in OpenCV, kernels of the OpenBLAS in NumPy and SciPy. With others, results may differ
-        in the last bit.
+        By library, the features of this CPU that it uses beyond its build's baseline: features that NumPy and OpenCV
+        dispatch to, code of Intel's IPP in OpenCV, kernels of the OpenBLAS in NumPy and SciPy. With other features,
+        results may differ in the last bit.
     versions : dict of str to str
-        Of simgrab, of the packages in a manifest, on which bytes depend, and of a few others.
+        Versions of simgrab, of the packages in a manifest, on which bytes depend, and of a few others.
     """
 
     backend: str
@@ -112,14 +112,14 @@ def examine() -> Diagnosis:
 
 
 def rasterizer(fingerprint: Fingerprint) -> Rasterizer | None:
-    """Read Mesa's version, LLVM's and the vector width from the strings of OpenGL; None where they are another's."""
+    """Read Mesa's version, LLVM's and the vector width from the strings of OpenGL; None for another renderer."""
     llvm = re.search(r"\(LLVM ([\d.]+), (\d+) bits\)", fingerprint.renderer)
     mesa = re.search(r"Mesa (\S+)", fingerprint.version)
     return Rasterizer(mesa[1], llvm[1], int(llvm[2])) if llvm and mesa else None
 
 
 def cpu_features() -> dict[str, tuple[str, ...]]:
-    """Return what libraries take from this CPU, without what environment variables take away; see `Diagnosis`."""
+    """Return the CPU features that libraries use, without those that environment variables disable; see `Diagnosis`."""
     return {
         "numpy": tuple(np.show_config("dicts")["SIMD Extensions"].get("found", ())),
         "opencv": tuple(

@@ -1,4 +1,4 @@
-"""What simgrab understands of a user's own grab, and what looks wrong with it."""
+"""Report how simgrab reads a user's own grab, and what looks wrong with it."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ class Understood:
     Attributes
     ----------
     facts : sequence of (str, str)
-        What was understood: a name and its value with units.
+        Properties that were read: a name and its value with units.
     doubts : sequence of str
-        What looks wrong, a sentence each.
+        Possible mistakes, a sentence each.
     turntable : ndarray, shape (H, W, 3), uint8
         RGB: closed from all sides, then from above and below, and open where it opens.
     """
@@ -72,7 +72,7 @@ class Understood:
 
 
 def scene_of(file: str | Path, changes: dict[str, object] | None = None) -> Scenario:
-    """Give a scene with a user's own grab: a mesh file, or a scene file whose ``[grab]`` is one.
+    """Return a scene with a user's own grab, from a mesh file or from a scene file whose ``[grab]`` is one.
 
     Parameters
     ----------
@@ -102,12 +102,12 @@ def grab_of(file: str | Path) -> Mesh:
 
 
 def check(scene: Scenario) -> Understood:
-    """Read a scene's own grab, look for what is likely wrong, and render it from all sides.
+    """Read a scene's own grab, look for likely mistakes, and render it from all sides.
 
     Raises
     ------
     ScenarioError
-        If it cannot be a grab at all.
+        If the file cannot be a grab.
     """
     keys = scene.grab
     assert isinstance(keys, Mesh)
@@ -119,7 +119,7 @@ def check(scene: Scenario) -> Understood:
 
 
 def doubts_of_axis(grab: Grab) -> list[str]:
-    """Say where another axis than the format's usual one seems to point up; nothing of grabs that are no files.
+    """Return a doubt if another axis than the format's usual one seems to point up; empty for grabs not from files.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def _facts(keys: Mesh, model: models.ModelFile, reading: ImportedModel, made: De
 
 
 def _doubts_of_file(keys: Mesh, model: models.ModelFile, reading: ImportedModel) -> list[str]:
-    """Say what of a file is not there, is not read, or is likely meant otherwise."""
+    """Return doubts about parts of a file that are missing, not read, or likely meant otherwise."""
     found = []
     for name in model.missing:
         if name.lower().endswith(".mtl"):
@@ -220,13 +220,13 @@ def _doubts_of_file(keys: Mesh, model: models.ModelFile, reading: ImportedModel)
 
 
 def _step(vertices: Array) -> float:
-    """Give the distance of neighbouring numbers of 32 bits at the farthest coordinate; 0 where others are used."""
+    """Return the spacing of 32-bit numbers at the farthest coordinate; 0 for other numbers."""
     single = np.asarray(vertices, np.float32)
     return float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
 
 
 def _doubts_of_axis(keys: Mesh, model: models.ModelFile, reading: ImportedModel) -> list[str]:
-    """Compare the axes that may point up, where no key says which does.
+    """Compare the axes that may point up, if no key states the axis.
 
     A grab is alike to both sides, but not above and below: the axis along which the steel lies least evenly points up.
     """
@@ -249,7 +249,7 @@ def _doubts_of_axis(keys: Mesh, model: models.ModelFile, reading: ImportedModel)
 
 
 def _unevenness(reading: ImportedModel, axis: int) -> float:
-    """Give how far the steel along an axis differs from its mirror image: 0 where it does not, at most 1."""
+    """Return how far the steel along an axis differs from its mirror image: from 0 for equal to at most 1."""
     corners = np.concatenate([piece.solid.triangles[..., axis] for piece in reading.pieces])
     areas = np.concatenate([piece.solid.area_faces for piece in reading.pieces])
     places = corners @ _within(int(np.clip(np.sqrt(2e5 / len(corners)), 1, 40))).T
@@ -260,7 +260,7 @@ def _unevenness(reading: ImportedModel, axis: int) -> float:
 
 
 def _within(n: int) -> Array:
-    """Give the middles of the n² equal triangles that a triangle consists of, as shares of its corners, (n², 3)."""
+    """Return the middles of the n² equal triangles that make up a triangle, as shares of its corners, (n², 3)."""
     middles = [(i + a, j + a) for a, m in ((1 / 3, n), (2 / 3, n - 1)) for i in range(m) for j in range(m - i)]
     first, second = np.array(middles).T / n
     return np.stack([first, second, 1.0 - first - second], axis=1)

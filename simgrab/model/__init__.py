@@ -1,1 +1,1 @@
-"""The values that everything else is written in: scenarios, geometry, random streams, records, labels."""
+"""Values that all rooms share: scenarios, geometry, random streams, records, labels."""

@@ -1,4 +1,4 @@
-"""The camera TOML: what the instrument knows of its camera. Never the tilt, which is what it has to find."""
+"""The camera TOML: the camera as the instrument knows it. It never holds the tilt, which the instrument estimates."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class Calibration(Checked, frozen=True):
     display_constant_m : float
         |OA| minus the hoist rope's length on the display.
     digit_layout : Layout or None
-        Where the display has its digits; None where there is no display. The layout itself and not its name, so that
-        the file says all that a reader needs, wherever it is read.
+        Layout of the display's digits; None if there is no display. It is the layout itself and not its name, so that
+        the file is complete on any machine.
     """
 
     error = CalibrationError

@@ -172,7 +172,7 @@ class Uniform(Distribution, frozen=True, tag="uniform"):
 
 
 class Constant(Distribution, frozen=True, tag="constant"):
-    """Always the same value, which may also be given as a number alone, without a table."""
+    """Always the same value. A number alone, without a table, means the same."""
 
     of_number = "value"
 

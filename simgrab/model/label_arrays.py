@@ -15,29 +15,29 @@ _STEP = 0.05  # along the rope, in its lengths, likewise
 
 
 def box(row: Truth | Boxed) -> Array | None:
-    """Visible box x0, y0, x1, y1, px; None where nothing is seen of the grab."""
+    """Visible box x0, y0, x1, y1, px; None if the grab is not visible."""
     corners = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
     return None if corners[0] is None else np.array(corners, float)
 
 
 def amodal_box(row: Truth) -> Array | None:
-    """Box x0, y0, x1, y1 of the whole silhouette, px; None where the lens shows nothing of it."""
+    """Box x0, y0, x1, y1 of the whole silhouette, px; None if the lens shows no part of it."""
     corners = (row.amodal_x0_px, row.amodal_y0_px, row.amodal_x1_px, row.amodal_y1_px)
     return None if corners[0] is None else np.array(corners, float)
 
 
 def pose(values: tuple[float, ...]) -> Pose:
-    """Pose from the 12 values of a column."""
+    """Make a pose from the 12 values of a column."""
     return Pose.from_matrix(np.reshape(values, (3, 4)))
 
 
 def is_labelled(row: Truth, least_visible_fraction: float) -> bool:
-    """Whether detection labels hold a box for a row: the grab shows, and at least this fraction of it."""
+    """Whether detection labels contain a box for a row: at least this fraction of the grab is visible."""
     return row.box_x0_px is not None and row.visible_fraction >= least_visible_fraction
 
 
 def centre(row: Truth | Boxed) -> Array:
-    """Grab centre A as the picture has it, px; NaN where the lens shows none, or boxes alone are known."""
+    """Grab centre A as the picture has it, px; NaN if the lens does not show it, or if only boxes are known."""
     if isinstance(row, Boxed):
         return np.full(2, np.nan)
     return np.array([np.nan if x is None else x for x in (row.grab_u_px, row.grab_v_px)])
@@ -58,7 +58,7 @@ def yaw(row: Truth | Boxed) -> float:
 
 
 def up_the_ropes(row: Truth | Boxed) -> Array:
-    """Way from A a twentieth of the ropes' length up to O, px, shape (2,); NaN where boxes alone are known."""
+    """Vector in the picture from A towards O by a twentieth of the ropes' length, px, (2,); NaN for boxes alone."""
     if isinstance(row, Boxed):
         return np.full(2, np.nan)
     centre = pose(row.jib_from_grab).translation
@@ -73,7 +73,7 @@ def intrinsics(row: Truth) -> Intrinsics:
 
 
 def half_turn(angle: float) -> float:
-    """Wrap the difference of two directions that are alike after half a turn into [−π/2, π/2)."""
+    """Wrap the difference of two directions, which half a turn leaves alike, into [−π/2, π/2)."""
     return (angle + math.pi / 2) % math.pi - math.pi / 2
 
 
@@ -88,12 +88,12 @@ class Labelled:
 
     @property
     def box(self) -> Array | None:
-        """Visible box x0, y0, x1, y1, px, shape (4,), half open; None where nothing is seen of the grab."""
+        """Visible box x0, y0, x1, y1, px, shape (4,), half open; None if the grab is not visible."""
         return box(self.truth)
 
     @property
     def amodal_box(self) -> Array | None:
-        """Box of the whole silhouette, hidden parts included, px, shape (4,); None where the lens shows none of it."""
+        """Box of the whole silhouette, hidden parts included, px, shape (4,); None if the lens shows no part of it."""
         return amodal_box(self.truth)
 
     @property

@@ -1,4 +1,4 @@
-"""Digit layouts: where the on-screen display has its characters, and what its digits count.
+"""Digit layouts: places of the on-screen display's characters, and the unit of its digits.
 
 Shared by the renderer of the display and its reader. Rectangles are ``x0, y0, x1, y1`` in whole pixels, half open.
 """
@@ -41,7 +41,7 @@ LEAST_POINT = 0.4
 
 
 class Clock(Checked, frozen=True):
-    """Where the clock stands: top left corner of its line, and the line's height."""
+    """Place of the clock: top left corner of its line, and the line's height."""
 
     error = LayoutError
 
@@ -59,10 +59,10 @@ class Clock(Checked, frozen=True):
 
 
 class Layout(Checked, frozen=True):
-    """A digit layout, measured in one size of picture; `scaled` makes it that of another.
+    """A digit layout for one size of picture; `scaled` converts it to another size.
 
-    All eight digits' cells are as large, so that a reader's crops are. With 2 decimals a number is centimetres, up to
-    99.99 m.
+    All eight digits' cells have the same size, and so have a reader's crops. With 2 decimals a number is centimetres,
+    up to 99.99 m.
     """
 
     error = LayoutError
@@ -108,7 +108,7 @@ class Layout(Checked, frozen=True):
                 raise ValueError(f"{a} and {b} overlap")
         for x0, _, x1, _ in self.points:
             if x1 - x0 < LEAST_POINT * self.digit_width_px:
-                raise ValueError(f"point: a gap of {x1 - x0} px before the decimals has no room for it")
+                raise ValueError(f"point: a gap of {x1 - x0} px before the decimals is too small for the point")
 
     @property
     def cells(self) -> tuple[Rectangle, ...]:
@@ -134,7 +134,7 @@ class Layout(Checked, frozen=True):
         Raises
         ------
         LayoutError
-            Where its characters would be too small to read.
+            If its characters would be too small to read.
         """
         sx, sy = width_px / self.width_px, height_px / self.height_px
 
@@ -167,7 +167,7 @@ class Layout(Checked, frozen=True):
         return self.written("".join(numbers))
 
     def written(self, digits: str) -> str:
-        """Write eight digits, or whatever stands in their cells, as the display does: ``"20.15 21.00"``."""
+        """Write the eight characters of the digits' cells as the display does: ``"20.15 21.00"``."""
         cut = 4 - self.decimals
         return " ".join(f"{n[:cut]}.{n[cut:]}" if self.point else n for n in (digits[:4], digits[4:]))
 

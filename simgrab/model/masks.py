@@ -1,4 +1,4 @@
-"""Masks of a dataset's frames, from its COCO files: run lengths as text, which hold a whole picture or are refused."""
+"""Masks of a dataset's frames, from its COCO files: run lengths as text, refused unless they fill the whole picture."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Coded(msgspec.Struct, frozen=True):
     counts: str
 
     def decoded(self, row: Row, where: object) -> NDArray[np.bool_]:
-        """Decode, shape (height, width); raises `DatasetError` where it is not a mask of the row's picture."""
+        """Decode, shape (height, width); raises `DatasetError` if it is not a mask of the row's picture."""
         try:
             if self.size != (row.height_px, row.width_px):
                 raise ValueError(f"it is of {self.size[1]} x {self.size[0]} px")
             return _decoded(self.counts, *self.size)
         except ValueError as problem:
             raise DatasetError(
-                f"{where}: the mask of frame {row.frame} is not one of {row.width_px} x {row.height_px} px: {problem}"
+                f"{where}: the mask of frame {row.frame} does not have {row.width_px} x {row.height_px} px: {problem}"
             ) from None
 
 
@@ -65,12 +65,12 @@ class _Coco(msgspec.Struct, frozen=True):
 
 
 class Masks:
-    """The masks in a dataset's COCO files, each of which is read when a mask of its split is first asked for.
+    """The masks in a dataset's COCO files. Each file is read at the first request for a mask of its split.
 
     Parameters
     ----------
     path : Path
-        Of the dataset.
+        Folder of the dataset.
     """
 
     def __init__(self, path: Path) -> None:
@@ -108,13 +108,13 @@ class Masks:
 
 
 def _decoded(counts: str, height: int, width: int) -> NDArray[np.bool_]:
-    """Decode compressed run lengths that the COCO API wrote; raises ValueError where they do not hold the picture.
+    """Decode compressed run lengths that the COCO API wrote; raises ValueError if they do not fill the picture.
 
-    The API itself reads beyond a text whose last run is not whole, and leaves pixels after the last run undefined.
+    The API itself reads beyond a text with an incomplete last run, and leaves pixels after the last run undefined.
     """
     if not _RUNS.fullmatch(counts):
         raise ValueError("its run lengths cannot be decoded")
     mask = np.asarray(coco_mask.decode({"size": [height, width], "counts": counts.encode()}))
     if coco_mask.encode(np.asfortranarray(mask))["counts"] != counts.encode():
-        raise ValueError("its run lengths are not those of a whole picture")
+        raise ValueError("its run lengths do not fill the picture")
     return mask.astype(bool)

@@ -41,7 +41,7 @@ def stream(seed: int, index: int, name: str) -> np.random.Generator:
 
 
 def derive(seed: int, name: str) -> int:
-    """Derive the seed of a part, which draws independently of every other part and of what has ``seed`` itself.
+    """Derive the seed of a part. Its draws are independent of every other part and of ``seed`` itself.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def derive(seed: int, name: str) -> int:
     Returns
     -------
     int
-        Below 2⁵³, so that JSON's numbers hold it.
+        Seed below 2⁵³, which JSON's numbers represent exactly.
     """
     return _key(seed, name, 8) >> 11
 

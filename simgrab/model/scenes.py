@@ -49,8 +49,8 @@ def load(
         Width and height of the images, px, which then show the same view; see `resized`. The keys ``camera.width_px``
         and ``camera.height_px`` crop instead, because the focal length in pixels stays.
     within : Path, optional
-        Folder that the models, photographs and fonts which a scene file names must lie in, for a file that is not
-        trusted. By default they may lie anywhere. ``changes`` may name any.
+        Folder that must contain the models, photographs and fonts named in an untrusted scene file. By default they may
+        be anywhere, and those in ``changes`` always may.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def load(
     Raises
     ------
     ScenarioError
-        With one line that names the key and what would be valid there.
+        With one line that names the key and the valid values.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def load(
     factors = change.get("vary")
     varied = {part for name in factors for part in name.split(JOINT)} if isinstance(factors, Mapping) else set()
     for key in sorted(varied & set(changes or ())):
-        raise ScenarioError(key, "is set and varies in the same call; leave out one of the two")
+        raise ScenarioError(key, "the same call sets and varies this key; leave out one of the two")
     change = _with_models(change, lambda table, refuse: _kind(table).read(table["file"], refuse))
     scenario = convert(vary.laid_over(_read(scene, within), change, changes or ()), Scenario)
     vary.check(scenario)
@@ -84,7 +84,7 @@ def load(
 
 
 def manifest(scene: str | Path) -> dict[str, Any] | None:
-    """Manifest that a scenario is read from; None where it comes from a bundled scene or a TOML file."""
+    """Path of the manifest of a scenario; None if the scenario comes from a bundled scene or a TOML file."""
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix != ".json":
         return None
@@ -189,7 +189,7 @@ def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], ModelFil
         model = read(data, refuse)
         stated = data.get("sha256")
         if stated and stated != model.sha256:
-            raise ScenarioError(f"{key}.sha256", f"{file} has another content, of SHA-256 {model.sha256}")
+            raise ScenarioError(f"{key}.sha256", f"{file} has different content, with SHA-256 {model.sha256}")
         return inner | {"file": model.name, "sha256": model.sha256}
     if isinstance(data, list | tuple):
         return [_with_models(value, read, f"{key}.{i}") for i, value in enumerate(data)]
@@ -228,7 +228,7 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
 
 
 def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse], ModelFile]) -> Scenario:
-    """Build the scenario of a scene's plain data, as a file would hold them; what is left out has its default.
+    """Build a scenario from a scene's plain data, as in a file; missing keys have their defaults.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse],
 
 
 def model_files(scene: str | Path, within: Path | None = None) -> dict[tuple[str, str], Path]:
-    """Find where the models lie that a scene names, by SHA-256 and file name; parameters as those of `load`.
+    """Find the paths of the models that a scene names, by SHA-256 and file name; parameters as for `load`.
 
     Raises
     ------

@@ -39,7 +39,7 @@ def _column(unit: str, text: str) -> msgspec.Meta:
 
 
 class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is known of one frame, because it was set. Field by field in `columns`."""
+    """The truth of one frame. `columns` describes each field."""
 
     frame: Annotated[Index, _column("", "index of the frame within the dataset, from 0")]
     seed: Annotated[Index, _column("", "seed of the scenario")]
@@ -164,7 +164,7 @@ class Boxed(msgspec.Struct, frozen=True, kw_only=True):
     file : str
         Picture, relative to the dataset.
     image_sha256 : str
-        Of the picture file.
+        SHA-256 of the picture file.
     video : str
         Name of the video that the frame is of.
     width_px, height_px : int

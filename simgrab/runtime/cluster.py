@@ -1,6 +1,6 @@
-"""Work shared among the machines of a Ray cluster, as `simgrab.runtime.processes` shares it among processes.
+"""Share work among the machines of a Ray cluster, as `simgrab.runtime.processes` shares it among processes.
 
-Ray is imported when a cluster is asked for.
+Ray is imported only when a cluster is used.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def open_pool(
     memory_bytes: int = 0,
     silent_s: float | None = None,
 ) -> Executor:
-    """Open a pool of so many processes, or the pool of a cluster where one is named; parameters as theirs."""
+    """Open a `Pool` of processes, or a `ClusterPool` if a cluster is named; parameters as for both."""
     if cluster is None:
         return Pool(workers, setup=setup, environment=environment, silent_s=silent_s)
     return ClusterPool(cluster, setup=setup, environment=environment, memory_bytes=memory_bytes)
@@ -53,11 +53,11 @@ class ClusterPool(Executor):
     address : str
         ``auto`` for the cluster that this machine is part of, ``ray://host:10001`` or ``host:6379``.
     setup : callable, optional
-        Called in each process before its first item; picklable. What it raises is raised for each item.
+        Called in each process before its first item; picklable. Its errors are raised for each item.
     environment : mapping of str to str, optional
         Variables of the processes.
     memory_bytes : int
-        Of each process: a machine is given no more items than it has memory for.
+        Memory of each process; a machine gets no more items than fit into its memory.
 
     Raises
     ------
@@ -94,14 +94,14 @@ class ClusterPool(Executor):
             self._ray.shutdown()
 
     def map(self, work: Callable[[Item], T], items: Iterable[Item], **options: Any) -> Generator[T, None, None]:
-        """Do a piece of work for each item; see `Executor.map`. Ticks are counted once their item is done.
+        """Call ``work`` for each item; see `Executor.map`. Ticks are counted once their item is done.
 
         Raises
         ------
         ClusterError
             If a machine has other versions than this one, or no machine has the memory.
         WorkerError
-            If processes or machines die of one item again and again. What work raises is raised as it is.
+            If processes or machines die repeatedly at one item. Errors of ``work`` are raised unchanged.
         """
         self.check()
         ray = self._ray
@@ -135,14 +135,14 @@ class ClusterPool(Executor):
 
     @contextlib.contextmanager
     def _reached(self) -> Iterator[None]:
-        """Answer what Ray raises when it loses the cluster with one line."""
+        """Raise one line if Ray loses the cluster."""
         try:
             yield
         except (self._ray.exceptions.RayError, ConnectionError, TimeoutError) as problem:
-            raise ClusterError(f"the cluster cannot be reached any more ({first_line(problem)})") from None
+            raise ClusterError(f"the cluster can no longer be reached ({first_line(problem)})") from None
 
     def check(self) -> None:
-        """Refuse a cluster none of whose machines can do an item, for which Ray would wait.
+        """Refuse a cluster in which no machine can do an item: Ray would wait for one.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class ClusterPool(Executor):
         try:
             found: tuple[str, Any, int] = self._ray.get(answer)
         except exceptions.OutOfMemoryError:
-            raise WorkerError(f"{name}: its process was ended again and again because memory was short") from None
+            raise WorkerError(f"{name}: its process was ended repeatedly for lack of memory") from None
         except (exceptions.WorkerCrashedError, exceptions.NodeDiedError, exceptions.ObjectLostError) as problem:
             raise WorkerError(
                 f"{name}: processes died processing it {RETRIES + 1} times ({first_line(problem)})"
@@ -185,9 +185,9 @@ _problem: BaseException | None = None
 
 
 def _do(order: tuple[str, dict[str, str], bytes], item: Any) -> Any:
-    """Do an item in a process of the cluster; gives a kind, a value and the number of ticks.
+    """Do an item in a process of the cluster; returns a kind, a value and the number of ticks.
 
-    What is to be done is unpickled once versions are found to be the same.
+    The work is unpickled only after the versions were compared.
     """
     global _order, _problem, _work
     number, wanted, pickled = order
@@ -236,7 +236,7 @@ def _ray() -> Any:
 
 
 def _check_answers(address: str) -> None:
-    """Refuse an address at which nothing listens, for which Ray would wait for minutes."""
+    """Refuse an address at which nothing listens: Ray would wait for minutes."""
     if address == "auto":
         return
     found = re.fullmatch(r"(?:ray://)?(\[[0-9a-fA-F:.]+\]|[^/:\s]+):([0-9]{1,5})", address)
@@ -259,7 +259,7 @@ def _unreached(address: str, problem: Exception) -> str:
 
 @contextlib.contextmanager
 def _own_signals() -> Iterator[None]:
-    """Keep this process's handlers of signals, in whose place Ray puts its own."""
+    """Restore this process's signal handlers, which Ray replaces."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -273,14 +273,14 @@ def _own_signals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def local_cluster(nodes: int, cores: int) -> Iterator[str]:
-    """Run a cluster on this machine, to try one; gives its address. It ends when the context is left.
+    """Run a cluster on this machine, for tests; yields its address. It ends when the context is left.
 
     Parameters
     ----------
     nodes : int
-        Machines that it pretends to have.
+        Number of simulated machines.
     cores : int
-        Of each.
+        Cores of each simulated machine.
 
     Raises
     ------

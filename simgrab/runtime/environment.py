@@ -45,14 +45,14 @@ _log = logging.getLogger(__name__)
 
 
 def ignore(variables: dict[str, str], why: str) -> None:
-    """Warn that variables, which were taken out of the environment, are ignored, and why."""
+    """Warn that variables are ignored, and why; they were removed from the environment."""
     if variables:
         names = ", ".join(f"{name}={value}" for name, value in variables.items())
         _log.warning("%s", shortened(printable(f"simgrab ignores {names}: {why}")))
 
 
 def take_out_numbers() -> None:
-    """Take out numbers that end the process, unnamed, as OpenCV or NumPy is imported, or refuse simgrab's own files."""
+    """Remove numbers with which OpenCV or NumPy would end the process at import, or refuse simgrab's files."""
     names = [name for name in os.environ if _OF_NUMBERS.fullmatch(name) and not _is_enough(name, os.environ[name])]
     ignore(_taken_out(names), "no numbers with which OpenCV and NumPy work")
 

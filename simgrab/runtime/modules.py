@@ -1,4 +1,4 @@
-"""Import what a user names as ``package.module:attribute``."""
+"""Import an object that a user names as ``package.module:attribute``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def find(module: str, attribute: str) -> Any:
-    """Import a module and give an attribute of it.
+    """Import a module and return one of its attributes.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Worker processes: they share the work on items, and one that dies costs its item's time and no more."""
+"""Worker processes that share items of work. A process that dies costs only the time of its item."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _spawn = get_context("spawn")  # OpenGL contexts do not survive a fork
 
 
 def pickled(value: object) -> bytes:
-    """Return what a worker process would be sent. What cannot be sent raises an error of any type."""
+    """Pickle an object as it is sent to a worker process. Failure raises an error of any type."""
     return bytes(ForkingPickler.dumps(value))
 
 
 def unpickled(data: bytes) -> Any:
-    """Return what was pickled by this program, on this machine or on another of its cluster."""
+    """Unpickle an object that this program pickled, on this machine or another machine of its cluster."""
     return ForkingPickler.loads(data)
 
 
@@ -52,10 +52,10 @@ class Job(Generic[Item]):
     Attributes
     ----------
     name : str
-        What messages call it.
+        Name of the item in messages.
     item : Item
     deaths : int
-        How often a worker died of it.
+        How many workers died at this item.
     ticks, most_ticks : int
         In this attempt, and in the longest one.
     heard_s : float
@@ -71,7 +71,7 @@ class Job(Generic[Item]):
 
 
 class Answer(NamedTuple):
-    """What a worker says: under which handle its item was submitted, one of the kinds, and what goes with it."""
+    """A worker's message: the handle of its item, the kind of message, and its value."""
 
     handle: Any
     kind: str
@@ -83,7 +83,7 @@ TICK, DONE, RAISED, DIED = "tick", "done", "raised", "died"
 
 
 class Executor(ABC):
-    """Processes that do a piece of work for each of many items. Use as a context manager."""
+    """Processes that call one function for each of many items. Use as a context manager."""
 
     def __enter__(self) -> Self:
         return self
@@ -93,7 +93,7 @@ class Executor(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """End the processes; those at work give it up."""
+        """End the processes; those at work abandon their items."""
 
     @abstractmethod
     def _room(self) -> int:
@@ -101,11 +101,11 @@ class Executor(ABC):
 
     @abstractmethod
     def _submit(self, work: Callable[[Item], T], item: Item, running: Collection[Any]) -> Any:
-        """Let a process do an item; gives a handle, other than those that are running."""
+        """Let a process do an item; returns a handle that no running item has."""
 
     @abstractmethod
     def _answers(self, running: Mapping[Any, Job[Any]]) -> Iterator[Answer]:
-        """Wait for answers, a while or until there are some."""
+        """Wait for answers, until one arrives or the time is over."""
 
     @abstractmethod
     def _cancel(self, running: Collection[Any]) -> None:
@@ -119,24 +119,24 @@ class Executor(ABC):
         name: Callable[[Item], str] | None = None,
         ticked: Callable[[int], None] | None = None,
     ) -> Generator[T, None, None]:
-        """Do a piece of work for each item, and yield what each gives, in no set order.
+        """Call ``work`` for each item, and yield the results in any order.
 
         Parameters
         ----------
         work : callable
             Takes an item; both are picklable. It may call `tick`.
         items : iterable
-            Taken one at a time, in order, as workers are free.
+            Items, taken one at a time and in order as workers become free.
         name : callable, optional
-            From an item to what messages call it.
+            Makes an item's name in messages.
         ticked : callable, optional
-            Called with the number of ticks so far: of an item that is done again, those of its longest attempt. All of
-            an item's are counted before its result is yielded.
+            Called with the number of ticks so far. A repeated item counts the ticks of its longest attempt. All ticks
+            of an item are counted before its result is yielded.
 
         Raises
         ------
         WorkerError
-            If workers die of one item `ATTEMPTS` times. What work raises is raised as it is.
+            If workers die at one item `ATTEMPTS` times. Errors of ``work`` are raised unchanged.
         """
         waiting, running, finished = deque[Job[Item]](), dict[Any, Job[Item]](), 0
         fresh = (Job(name(item) if name else f"item {number}", item) for number, item in enumerate(items, 1))
@@ -184,17 +184,17 @@ class Pool(Executor):
     """Processes of this machine.
 
     Each worker has a pipe of its own and shares no lock, so that none waits for one that died. A dead worker (out of
-    memory, a crash within a library) is replaced, which is logged as a warning, and its item is done again: so work
-    must give the same when repeated, whatever of it was done before. (An executor of `concurrent.futures` is broken by
-    the first death, knows no ticks, and waits for a worker that hangs.)
+    memory, a crash within a library) is replaced, with a warning in the log, and its item is repeated. Repeated work
+    must give the same result, even after an unfinished attempt. (An executor of `concurrent.futures` is broken by the
+    first death, knows no ticks, and waits for a worker that hangs.)
 
     Parameters
     ----------
     workers : int
-        Processes at most; each is started when there is an item for it.
+        Greatest number of processes; each is started when there is an item for it.
     setup : callable, optional
-        Called in each process before its first item; picklable. What it raises is raised for each item. It may be
-        replaced, for the processes that are started from then on.
+        Called in each process before its first item; picklable. Its errors are raised for each item. It may be
+        replaced; the new one applies to processes started later.
     environment : mapping of str to str, optional
         Variables of the processes, besides those of this one.
     silent_s : float, optional
@@ -214,7 +214,7 @@ class Pool(Executor):
         atexit.register(self.close)  # else Python, ending with this left open, would wait for the workers
 
     def close(self) -> None:
-        """End the processes; those at work give it up."""
+        """End the processes; those at work abandon their items."""
         self._cancel(range(len(self._workers)))
         atexit.unregister(self.close)
 
@@ -222,7 +222,7 @@ class Pool(Executor):
         return len(self._workers)
 
     def _submit(self, work: Callable[[Item], T], item: Item, running: Collection[int]) -> int:
-        """Send an item to a worker, which is started where there is none, or only a dead one."""
+        """Send an item to a worker; start a worker if there is no living one."""
         place = next(place for place in range(len(self._workers)) if place not in running)
         if (idle := self._workers[place]) is not None:
             try:
@@ -253,7 +253,7 @@ class Pool(Executor):
                 yield Answer(place, DIED, f"neither ticked nor finished for {most:g} s, and was killed")
 
     def _discard(self, place: int, *, kill: bool = False) -> str:
-        """Forget a dead worker, or one that is killed; returns how it died."""
+        """Forget a worker that died or was killed; returns how it died."""
         worker, self._workers[place] = self._workers[place], None
         assert worker is not None
         if kill:
@@ -263,7 +263,7 @@ class Pool(Executor):
         return _death(worker.process.exitcode)
 
     def _cancel(self, running: Iterable[int]) -> None:
-        """End workers: those at work give it up, leaving no drafts behind."""
+        """End workers. Those at work abandon their items and leave no drafts."""
         ending = [worker for place in running if (worker := self._workers[place]) is not None]
         try:
             for worker in ending:
@@ -306,7 +306,7 @@ class _Worker:
             self.process.terminate()
 
     def end(self, patience_s: float) -> None:
-        """Wait for its end, and kill it in the end."""
+        """Wait for the process to end; kill it after a while."""
         if self.process.pid is not None:
             self.process.join(patience_s)
             self.process.kill()
@@ -342,7 +342,7 @@ _on_tick: Callable[[], None] | None = None
 
 
 def tick() -> None:
-    """Count a step of the item at hand; only where a worker works on one."""
+    """Count a step of the current item; no effect outside of a worker."""
     assert _on_tick is not None
     _on_tick()
 
@@ -358,10 +358,10 @@ class _Ended(BaseException):
 
 
 def _serve(pipe: Connection[Any, Any], setup: Callable[[], None] | None) -> None:
-    """Work on what comes through the pipe until it is closed.
+    """Do the items that come through the pipe until it is closed.
 
-    The process ends without the interpreter's own ending: nothing is left to be done, and what threads of libraries do
-    in it has aborted processes.
+    The process then exits without the interpreter's shutdown: no work is left, and library threads have aborted
+    processes during shutdown.
     """
     status = 1
     try:
@@ -387,7 +387,7 @@ def _serve(pipe: Connection[Any, Any], setup: Callable[[], None] | None) -> None
 
 
 def die_with_parent() -> None:
-    """Let Linux kill this process when its parent ends, or has ended already; else it would go on unnoticed.
+    """Let Linux kill this process when its parent ends, or has already ended; it would otherwise go on unnoticed.
 
     The parent, however it ends, closes its end of the pipe through which `multiprocessing` started this process. The
     kernel kills this process then, also within C code that holds the GIL. (A signal at the parent's death, by prctl,
@@ -405,7 +405,7 @@ def die_with_parent() -> None:
 
 
 def _handle_signals() -> None:
-    """Leave it to the parent what an interrupt means, which all processes of a terminal get; end when asked to."""
+    """Ignore interrupts, which the parent handles for all processes of the terminal; end when the parent asks."""
 
     def end(_number: int, _frame: FrameType | None) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
@@ -418,7 +418,7 @@ def _handle_signals() -> None:
 
 
 def set_up(setup: Callable[[], None] | None) -> BaseException | None:
-    """Call what a worker calls before its first item; gives what it raised."""
+    """Call a worker's ``setup`` before its first item; returns its error, if any."""
     try:
         if setup is not None:
             setup()
@@ -442,7 +442,7 @@ def _refusal(problem: BaseException) -> bytes:
 
 
 def portable(problem: BaseException) -> tuple[BaseException, str]:
-    """Give an error that can be pickled, with its text where it could not be, and its traceback as text."""
+    """Return a picklable form of an error, with its traceback as text; if it cannot be pickled, its text alone."""
     where = "".join(traceback.format_exception(problem))
     try:
         ForkingPickler.loads(ForkingPickler.dumps(problem))

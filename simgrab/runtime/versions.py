@@ -19,7 +19,7 @@ class Fingerprint:
     Attributes
     ----------
     renderer, version : str
-        Of OpenGL.
+        Name and version of OpenGL.
     mujoco : str
         Version.
     passes : str
@@ -37,7 +37,7 @@ class Fingerprint:
 
     @property
     def digest(self) -> str:
-        """First 16 hexadecimal digits of a SHA-256 over all fields that are not empty."""
+        """First 16 hexadecimal digits of the SHA-256 of all fields that are not empty."""
         fields = filter(None, (self.renderer, self.version, self.mujoco, self.passes))
         return hashlib.sha256("\n".join(fields).encode()).hexdigest()[:16]
 

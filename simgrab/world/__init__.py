@@ -1,4 +1,4 @@
-"""The world: it makes the frames and the truth."""
+"""Makes the frames and their truth."""
 
 from simgrab.world import gl
 

@@ -1,4 +1,4 @@
-"""A user's own functions in the making of frames: a randomiser, a trajectory, image effects."""
+"""A user's own functions for making frames: a randomiser, a trajectory, image effects."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Extensions:
-    """Functions of the user's, in place of simgrab's own or after them.
+    """The user's functions, which replace simgrab's own or run after them.
 
-    Each draws from the generator that it is given alone, so that frames stay the same in any order and on any worker.
+    Each draws only from the generator it is given, so that frames are the same in any order and on any worker.
 
     Attributes
     ----------
     randomiser : callable or None
         Called once for each clip, after ``vary``.
     trajectory : callable or None
-        In place of the scenario's swing.
+        Replaces the scenario's swing.
     effects : tuple of callable
         Applied in turn to the finished picture.
     """
@@ -62,12 +62,12 @@ class Extensions:
     def of(
         cls, randomiser: Randomiser | str | None, trajectory: Motion | str | None, effects: Sequence[Effect | str]
     ) -> Extensions:
-        """Collect functions, each given as such or by the name of an entry point.
+        """Collect functions, each given as an object or by the name of an entry point.
 
         Raises
         ------
         ExtensionError
-            If no installed package offers such a name, or what is given cannot be called.
+            If no installed package offers the name, or the object cannot be called.
         """
         if not isinstance(effects, list | tuple):
             raise ExtensionError("effects must be a list of functions or names")
@@ -78,14 +78,14 @@ class Extensions:
         )
 
     def describe(self) -> dict[str, Any] | None:
-        """Return what the manifest states of the functions, with digests of their source; None where there are none."""
+        """Return the manifest's description of the functions, with digests of their source; None if there are none."""
         effects = [("effect", effect) for effect in self.effects]
         given = [("randomiser", self.randomiser), ("trajectory", self.trajectory), *effects]
         functions = [{"role": role} | _identity(function) for role, function in given if function is not None]
         return {"functions": functions, "note": NOTE} if functions else None
 
     def variant(self, scenario: Scenario, frame: int) -> Variant:
-        """Variant that a frame is of; see `simgrab.model.scenario.variant`.
+        """Variant of a frame; see `simgrab.model.scenario.variant`.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class Extensions:
         Raises
         ------
         ExtensionError
-            If it raises, or returns what no frame can show; names the frame.
+            If the trajectory raises an error, or returns an impossible moment. The message names the frame.
         """
         assert self.trajectory is not None
         rng = stream(scenario.seed, frame, "trajectory")
@@ -135,7 +135,7 @@ class Extensions:
         Raises
         ------
         ExtensionError
-            If one raises, or returns no picture of the same size.
+            If an effect raises an error, or does not return a picture of the same size.
         """
         for number, effect in enumerate(self.effects):
             rng = stream(scenario.seed, moment.frame, f"effect.{number}")
@@ -152,12 +152,12 @@ class Extensions:
         return rgb
 
     def refuse_others(self, scene: str | Path) -> None:
-        """Refuse a scene that is the manifest of a dataset made with other functions than these.
+        """Refuse a manifest of a dataset that was made with other functions.
 
         Raises
         ------
         ExtensionError
-            Says which functions the manifest names.
+            The message names the manifest's functions.
         """
         manifest, path = scenes.manifest(scene), Path(scene)
         if manifest is None:
@@ -166,26 +166,26 @@ class Extensions:
         if stated == own:
             return
         if stated is None:
-            raise ExtensionError(f"{path} was made without functions of a user: give none")
+            raise ExtensionError(f"{path} was made without a user's functions: leave them out")
         known = stated.get("functions") if isinstance(stated, dict) else None
         functions = [f for f in known if isinstance(f, dict)] if isinstance(known, list) else []
         names = [f"{f.get('role')} {f.get('name')}" for f in functions]
         raise ExtensionError(
-            f"{path} was made with functions of a user ({', '.join(names)}); give the same, with the same source"
+            f"{path} was made with a user's functions ({', '.join(names)}); give the same, with the same source"
         )
 
     def refuse_unknown(self) -> None:
-        """Refuse functions of which it cannot be found out whether they are the same as in an earlier run.
+        """Refuse functions that cannot be compared with those of an earlier run.
 
         Raises
         ------
         ExtensionError
-            Names the first: a lambda, a closure, or one that was typed in.
+            The message names the first: a lambda, a closure, or an interactive function.
         """
         for function in (self.describe() or {"functions": []})["functions"]:
             if None in function.values():
                 raise ExtensionError(
-                    f"{function['role']} {function['name']} cannot be recognised again; to resume, define functions at "
+                    f"{function['role']} {function['name']} cannot be identified; to resume, define functions at "
                     "the top of a module"
                 )
 
@@ -195,7 +195,7 @@ NO_EXTENSIONS = Extensions()
 
 @dataclass(frozen=True)
 class Recipe:
-    """A scenario and the functions that it is made with: all that the frames depend on.
+    """A scenario and the user's functions: everything on which the frames depend.
 
     Attributes
     ----------
@@ -211,7 +211,7 @@ class Recipe:
         cls, scene: Scenario | str | Path, randomiser: Randomiser | str | None = None,
         trajectory: Motion | str | None = None, effects: Sequence[Effect | str] = (),
     ) -> Recipe:  # fmt: skip
-        """Collect what users give; a manifest must have been made with the same functions."""
+        """Make a recipe from users' arguments; a manifest must have been made with the same functions."""
         extensions = Extensions.of(randomiser, trajectory, effects)
         if isinstance(scene, Scenario):
             return cls(scene, extensions)
@@ -220,15 +220,15 @@ class Recipe:
 
     @property
     def varies(self) -> bool:
-        """Whether each clip has a world of its own."""
+        """Whether each clip has its own world."""
         return bool(self.scenario.vary) or self.extensions.randomiser is not None
 
     def variant(self, frame: int) -> Variant:
-        """Variant that a frame is of."""
+        """Variant of a frame."""
         return self.extensions.variant(self.scenario, frame)
 
     def variant_number(self, frame: int) -> int:
-        """Index of the variant that a frame is of; 0 for all frames where nothing varies."""
+        """Index of a frame's variant; 0 for all frames if nothing varies."""
         return self.scenario.clip.of(frame) if self.varies else 0
 
 
@@ -257,7 +257,7 @@ def _find(role: str, given: F | str) -> F:
 
 
 def _call(role: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a user's function; what it raises comes in one line, with the traceback behind it."""
+    """Call a user's function; raise its error in one line, with the traceback as cause."""
     try:
         return function(*arguments)
     except (SimgrabError, MemoryError):
@@ -272,9 +272,9 @@ def _named(role: str, function: Callable[..., Any]) -> str:
 
 
 def _identity(function: Callable[..., Any]) -> dict[str, Any]:
-    """Name of a function, SHA-256 of the file that defines it, and of its state where it has one: None where unknown.
+    """Name of a function, and SHA-256 of its source file and of its state, if any: None if unknown.
 
-    A function at the top of a module has no state but its source; a partial, a method or an instance has.
+    A function at the top of a module has no state beyond its source; a partial, a method or an instance has.
     """
     inner = function
     while hasattr(inner, "func"):  # functools.partial

@@ -38,13 +38,13 @@ class Frame(Labelled):
     rgb : ndarray of uint8, shape (height, width, 3)
         The picture before it is stored: PNG files hold the same, JPEG files nearly the same.
     truth : Truth
-        What is known of it, as a dataset's row of labels has it.
+        The frame's truth, as in a dataset's row of labels.
     moment : Moment
         The instant of the labels, in SI units and radians.
     grab : View
-        Ids and depth in the window of the picture that the grab's box fills, with a pixel of margin.
+        Ids and depth in the window of the grab's box, with a margin of one pixel.
     full : View or None
-        Ids and depth of the whole picture, where they were wanted.
+        Ids and depth of the whole picture, if requested.
     """
 
     rgb: NDArray[np.uint8]
@@ -63,7 +63,7 @@ class Frame(Labelled):
 
     @property
     def ids(self) -> NDArray[np.uint8] | None:
-        """What each pixel shows, shape (height, width): 0 place, 1 jib head, 2 ropes, 3 grab, 255 nothing."""
+        """Id of each pixel, shape (height, width): 0 place, 1 jib head, 2 ropes, 3 grab, 255 nothing."""
         return self.full.ids if self.full else None
 
     @property
@@ -75,15 +75,15 @@ class Frame(Labelled):
 class FrameGenerator:
     """Makes the frames of a recipe. Use as a context manager: it owns an OpenGL context.
 
-    It keeps one variant's world built; where worlds vary, go clip by clip.
+    It keeps one variant's world; if worlds vary, make the frames clip by clip.
 
     Parameters
     ----------
     recipe : Recipe or Scenario
     plan : Plan, optional
-        Of the first variant, where it was drawn up already.
+        Plan of the first variant, if it exists already.
     projections : mapping of int to Projection, optional
-        Of frames that were projected already.
+        Projections of frames that were projected already.
 
     Attributes
     ----------
@@ -122,15 +122,15 @@ class FrameGenerator:
             self._scene = None
 
     def revise(self, recipe: Recipe | Scenario) -> None:
-        """Go on with another recipe. The built world stays where that recipe's frames show the same one.
+        """Continue with another recipe.
 
-        Frames are to the bit those of a generator that begins with that recipe.
+        The world is kept if the new recipe has the same one. Frames are bit-identical to those of a new generator.
         """
         self.recipe = recipe if isinstance(recipe, Recipe) else Recipe(recipe)
         self.projections, self._revised = {}, True
 
     def scene(self, frame: int) -> Scene:
-        """Built world of a frame, which replaces another variant's."""
+        """Build the world of a frame; it replaces another variant's world."""
         if self._scene is not None and self._revised:
             variant, extensions = self.recipe.variant(frame), self.recipe.extensions
             revised = self._scene.revise(variant, extensions)
@@ -154,7 +154,7 @@ class FrameGenerator:
         Raises
         ------
         ScenarioError
-            If it cannot be: naming frame and key.
+            If the frame is impossible. The message names frame and key.
         """
         return self.projections.get(frame) or self.scene(frame).project(frame)
 
@@ -165,12 +165,12 @@ class FrameGenerator:
         ----------
         frame : int
         full : bool
-            Whether ids and depth of the whole picture are wanted.
+            Whether to return ids and depth of the whole picture.
 
         Raises
         ------
         ScenarioError, ExtensionError
-            If the frame cannot be.
+            If the frame is impossible.
         """
         scene = self.scene(frame)
         buffers = scene.draw(self.project(frame), full=full)
@@ -199,8 +199,8 @@ def frames(
     scene : Scenario, str or path
         A scenario, a bundled scene's name, or a scene file.
     indices : iterable of int, optional
-        Numbers of the frames, negative ones from the end; all of them in order unless given. Frames of one clip belong
-        together: with physics it runs from its beginning, and where worlds vary each clip has one of its own.
+        Numbers of the frames, negative ones from the end; all of them in order unless given. Keep the frames of one
+        clip together: physics runs each clip from its beginning, and each clip may have its own world.
     buffers : bool
         Whether frames come with ``ids`` and ``depth``. It changes neither pixels nor truth.
     randomiser : callable or str, optional
@@ -219,11 +219,11 @@ def frames(
     Raises
     ------
     ScenarioError
-        If the scene or a frame of it cannot be, naming the key.
+        If the scene or a frame is impossible. The message names the key.
     ExtensionError
-        If a function of yours cannot be found, raises, or returns what no frame can be.
+        If a function of yours cannot be found, raises, or returns impossible values.
     IndexError
-        If there is no frame of a number.
+        If there is no frame with a given number.
     RendererError
         If there is no offscreen OpenGL.
 
@@ -255,19 +255,19 @@ def _checked(index: int, count: int) -> int:
 
 
 class FrameDataset(Generic[T]):
-    """The frames of a scenario by number, made when asked for: a map-style dataset for PyTorch's ``DataLoader``.
+    """The frames of a scenario by number, made on request: a map-style dataset for PyTorch's ``DataLoader``.
 
-    It needs no torch, writes nothing and can be pickled; each process opens an OpenGL context of its own when the first
-    frame is asked for. Once it has, workers must be started by ``multiprocessing_context="spawn"``, since OpenGL does
-    not survive a fork. Where worlds vary (`clips` has more than one range) or the grab follows physics, ask for the
-    frames of a clip in order: another order builds the world, or runs the clip, again.
+    It needs no torch, writes nothing and can be pickled; each process opens its own OpenGL context at its first frame.
+    After that, workers must be started by ``multiprocessing_context="spawn"``, since OpenGL does not survive a fork.
+    Where worlds vary (`clips` has more than one range) or the grab follows physics, request the frames of a clip in
+    order: any other order builds the world, or runs the clip, again.
 
     Parameters
     ----------
     scene : Scenario, str or path
     transform : callable, optional
-        From a `Frame` to what ``dataset[i]`` returns, such as a dictionary of arrays, which a ``DataLoader`` can join
-        to batches; the frame itself unless given.
+        Converts a `Frame` to the value of ``dataset[i]``, such as a dictionary of arrays, which a ``DataLoader`` can
+        batch. By default the value is the frame itself.
     buffers : bool
         Whether frames come with ``ids`` and ``depth``.
     randomiser, trajectory, effects

@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 
 
 def choose() -> str:
-    """Set ``MUJOCO_GL`` to the one of EGL and OSMesa that it names, else EGL where a device answers, else OSMesa.
+    """Keep ``MUJOCO_GL`` if it names EGL or OSMesa; else set it to EGL if a device answers, or else to OSMesa.
 
     MuJoCo reads the variable when it is imported, so this runs when `simgrab.world` is. A variable that names something
     else, or would change pictures, is ignored, here and in worker processes, and a warning names it; see
@@ -48,8 +48,8 @@ def choose() -> str:
     Returns
     -------
     str
-        ``egl``, ``osmesa``, or ``disabled`` where neither is there or PyOpenGL is too old for EGL, with which
-        `import mujoco` itself would fail; `offscreen` reports why.
+        ``egl``, ``osmesa``, or ``disabled`` if neither is installed, or if PyOpenGL is too old for EGL, so that `import
+        mujoco` itself would fail; `offscreen` reports why.
     """
     os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # Mesa's warnings; what it cannot do comes as an error
     ignored = environment.take_out_drawing()
@@ -70,7 +70,7 @@ def choose() -> str:
 
 
 def _backend(asked: str) -> str:
-    """Return the backend that was asked for where it is there, else one that is."""
+    """Return the requested backend if it is available, else one that is."""
     for name in sorted(BACKENDS, key=lambda name: name != asked):
         if name == "osmesa" and _loads("libOSMesa.so.8"):
             return name
@@ -81,7 +81,7 @@ def _backend(asked: str) -> str:
 
 
 def _old_pyopengl() -> str:
-    """Return the version of PyOpenGL where it is too old for MuJoCo's EGL, else nothing."""
+    """Return the version of PyOpenGL if it is too old for MuJoCo's EGL, else an empty text."""
     try:
         installed = version("PyOpenGL")
     except PackageNotFoundError:
@@ -140,7 +140,7 @@ def _egl_devices() -> tuple[list[int], Any]:
 
 
 def _egl_function(egl: Any, name: bytes, result: Any, *arguments: Any) -> Any:
-    """Return a function of an EGL extension; None where there is no such."""
+    """Return a function of an EGL extension; None if it is missing."""
     if egl is None:
         return None
     egl.eglGetProcAddress.restype = ctypes.c_void_p
@@ -149,14 +149,14 @@ def _egl_function(egl: Any, name: bytes, result: Any, *arguments: Any) -> Any:
 
 
 def threads(number: int | None) -> dict[str, str]:
-    """Environment variables by which software OpenGL draws with so many threads, unless the user chose a number."""
+    """Environment variables that set the number of threads of software OpenGL, unless the user chose one."""
     if number is None or LLVMPIPE_THREADS in os.environ:
         return {}
     return {LLVMPIPE_THREADS: str(number if number > 1 else 0)}  # 0 draws in the thread that calls
 
 
 def reuses() -> bool:
-    """Whether pictures are drawn over what stands still; see `simgrab.world.camera.renderer.Renderer`."""
+    """Whether the unchanged part of pictures is reused; see `simgrab.world.camera.renderer.Renderer`."""
     return os.environ.get(REUSE) != "0"
 
 
@@ -181,13 +181,13 @@ class Offscreen:
     context: mujoco.MjrContext
 
     def make_current(self) -> None:
-        """Take the thread's context back from any other renderer that used it in between."""
+        """Make this context current again after another renderer used the thread."""
         self.window.make_current()
 
 
 @contextmanager
 def _out_of_memory_raises() -> Iterator[None]:
-    """Raise where MuJoCo only warns that OpenGL had no memory for a model: rendering it could crash the process.
+    """Raise an error if MuJoCo warns that OpenGL lacks memory for a model: rendering it could crash the process.
 
     Its other warnings are logged, and not written to a file in the working folder.
     """
@@ -207,7 +207,7 @@ def _out_of_memory_raises() -> Iterator[None]:
 
 
 def _advice() -> str:
-    """Say what may help where OpenGL cannot be opened: to unset variables, or to install it."""
+    """Return advice for a failure of OpenGL: variables to unset, or packages to install."""
     chosen = ", ".join(f"{name}={value}" for name, value in environment.choosing().items())
     if not chosen:
         return INSTALL_HINT
@@ -225,14 +225,14 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
     Raises
     ------
     RendererError
-        If there is none to be had, with what to install.
+        If no context can be opened. The message states what to install.
     """
     import mujoco
 
     global _used_by
     if _used_by not in (None, os.getpid()):
         raise RendererError(
-            "OpenGL was in use when this process was forked, and would never answer here: start workers by "
+            "this process was forked while OpenGL was in use, so OpenGL would hang: start workers by "
             'multiprocessing\'s "spawn", as DataLoader(…, multiprocessing_context="spawn") does'
         )
     if os.environ["MUJOCO_GL"] == "disabled":

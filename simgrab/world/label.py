@@ -24,7 +24,7 @@ def label(variant: Variant, buffers: Buffers, attenuation: NDArray[np.float32] |
     Parameters
     ----------
     variant : Variant
-        That the frame is of.
+        Variant of the frame.
     buffers : Buffers
     attenuation : ndarray of float32, shape (height, width), optional
         Share of the scene's light that weather keeps from the camera; none in clear air.
@@ -104,7 +104,7 @@ def label(variant: Variant, buffers: Buffers, attenuation: NDArray[np.float32] |
 
 
 def _keypoints(scenario: Scenario, projection: Projection, visibility: Visibility) -> Array:
-    """u, v and visibility of each keypoint, shape (10, 3); zeros where it is out of the picture, as COCO has it."""
+    """u, v and visibility of each keypoint, shape (10, 3); zeros outside the picture, as in COCO."""
     k = scenario.camera.intrinsics
     rows = np.zeros((len(KEYPOINT_NAMES), 3))
     if not projection.moment.present:

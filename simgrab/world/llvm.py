@@ -1,4 +1,4 @@
-"""Keep the LLVM in triton apart from the one of Mesa's software renderer."""
+"""Separate triton's LLVM from the LLVM of Mesa's software renderer."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class _Finder(importlib.abc.MetaPathFinder):
 def keep_apart() -> None:
     """Let triton find its own LLVM, whenever it is imported after Mesa was loaded.
 
-    The loader searches Mesa's symbols before those of libraries that come later. Functions of triton would call those
-    of another version, and the process would end in a segmentation fault.
+    The loader searches Mesa's symbols before those of libraries that come later. Triton would call functions of another
+    LLVM version, and the process would crash with a segmentation fault.
     """
     if "triton" not in sys.modules and not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Finder())

@@ -1,4 +1,4 @@
-"""Where a moment's grab is in the picture, computed from pose and camera before anything is rendered."""
+"""Project a moment's grab into the picture, from pose and camera, before anything is rendered."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ NEAREST_DEPTH_M = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """One frame's moment, and where the picture has the grab.
+    """One frame's moment, and the grab's position in the picture.
 
     Attributes
     ----------
     nominal : Moment
-        As the trajectory gives it: the middle row's mid-exposure.
+        Moment from the trajectory: the middle row's mid-exposure.
     moment : Moment
-        The instant of the labels: that at which the row exposes which shows the grab centre.
+        Instant of the labels: the exposure of the row that shows the grab centre.
     centre_camera : ndarray, shape (3,)
         Grab centre A, camera frame, m.
     amodal_box : ndarray, shape (4,), or None
-        Tight box x0, y0, x1, y1 around the whole silhouette, px; None where the lens shows none of it, and of a grab
-        that is absent.
+        Tight box x0, y0, x1, y1 around the whole silhouette, px; None if the lens shows no part of it, or the grab is
+        absent.
     oriented_box : ndarray, shape (4, 2), or None
-        Corners of the smallest rotated rectangle around the whole silhouette, px; None as the amodal box is.
+        Corners of the smallest rotated rectangle around the whole silhouette, px; None whenever the amodal box is.
     keypoints_camera : ndarray, shape (10, 3)
         In the order of `simgrab.model.truth.KEYPOINT_NAMES`, camera frame, m.
     """
@@ -51,7 +51,7 @@ class Projection:
 
     @property
     def window(self) -> Window:
-        """Whole pixels that hold the amodal box, with a pixel of margin; empty where there is none."""
+        """Window of whole pixels around the amodal box, with a margin of one pixel; empty without a box."""
         if self.amodal_box is None:
             return 0, 0, 0, 0
         x0, y0, x1, y1 = self.amodal_box
@@ -69,7 +69,7 @@ def project(scenario: Scenario, plan: Plan, nominal: Moment) -> Projection:
     Raises
     ------
     ScenarioError
-        If the state cannot be: naming frame and key.
+        If the state is impossible. The message names frame and key.
     """
     moment = shutter.exposed(scenario, nominal)
     frame, state = moment.frame, moment.grab
@@ -96,7 +96,7 @@ def project(scenario: Scenario, plan: Plan, nominal: Moment) -> Projection:
 
 
 def _keypoints(grab: Design, state: GrabState) -> Array:
-    """Keypoints in the jib frame, shape (10, 3), in the order of `KEYPOINT_NAMES`; NaN where the grab has no such."""
+    """Keypoints in the jib frame, shape (10, 3), in the order of `KEYPOINT_NAMES`; NaN if missing."""
     frames = grab.frames(state.jaw)
     lips = [frames[body][:3, :3] @ p + frames[body][:3, 3] for body, points in grab.lips.items() for p in points]
     in_grab = np.concatenate([np.zeros((1, 3)), _four(grab.terminations), _four(lips)])

@@ -25,13 +25,13 @@ class Scene:
     variant : Variant
     extensions : Extensions
     plan : Plan, optional
-        Of the same variant, where it was drawn up already.
+        Plan of the same variant, if it exists already.
 
     Attributes
     ----------
     variant : Variant
     scenario : Scenario
-        Of the variant.
+        Scenario of the variant.
     world : World
     renderer : Renderer
     camera : Camera
@@ -51,9 +51,9 @@ class Scene:
         self._metered: tuple[int, Exposure] | None = None
 
     def revise(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS) -> bool:
-        """Become the scene of another variant, where that needs neither another world nor another OpenGL context.
+        """Become the scene of another variant, if world and OpenGL context can stay.
 
-        What it makes then is, to the bit, what a scene makes that is built for that variant.
+        Its frames are then bit-identical to those of a scene built for that variant.
 
         Parameters
         ----------
@@ -63,12 +63,12 @@ class Scene:
         Returns
         -------
         bool
-            Whether it did; else nothing has changed.
+            Whether the scene has changed; if not, it is as before.
 
         Raises
         ------
         ScenarioError
-            If the camera cannot be; then nothing has changed either.
+            If the camera is impossible; the scene is then as before.
         """
         old, new = self.scenario, variant.scenario
         plan = adapted(self.world.plan, old, new) if variant.number == self.variant.number else None
@@ -83,7 +83,7 @@ class Scene:
         return True
 
     def replanned(self, variant: Variant) -> Plan:
-        """Plan the world of another variant, with this one's place where that is the same.
+        """Plan the world of another variant, reusing this one's place if it is the same.
 
         Raises
         ------
@@ -105,9 +105,9 @@ class Scene:
         ----------
         projection : Projection
         full : bool
-            Whether ids and depth of the whole picture are wanted as finely as labels need them.
+            Whether to render ids and depth of the whole picture at the resolution of labels.
         labelled : bool
-            Whether the frame gets labels, for which the grab's visibility is rendered.
+            Whether the frame gets labels, which need the grab's visibility.
         """
         renderer, moment = self.renderer, projection.moment
         stored = self.scenario.image.stores_buffers  # the scenario alone decides what labels and effects are made of
@@ -123,7 +123,7 @@ class Scene:
         return Buffers(projection, rgb, visibility, whole, view, still)
 
     def develop(self, buffers: Buffers) -> Developed:
-        """Make the picture of a frame's buffers.
+        """Make the picture from a frame's buffers.
 
         An exposure that lags depends on the frames before: they are metered first, from the clip's beginning, unless
         the frame before was the last one developed.

@@ -152,12 +152,12 @@ BAD = {
     "both pairs": (
         "mean-ray",
         lambda table: table | {"grab_u_px": table["u_px"], "grab_v_px": table["v_px"]},
-        r"columns u_px, v_px and grab_u_px, grab_v_px are both there; keep one pair",
+        r"columns u_px, v_px and grab_u_px, grab_v_px are both present; keep only one pair",
     ),
     "a mixed pair": (
         "mean-ray",
         lambda table: without("v_px")(table) | {"grab_v_px": table["v_px"]},
-        r"columns u_px and grab_v_px are both there",
+        r"columns u_px and grab_v_px are both present",
     ),
     "half of the labels' pair": (
         "mean-ray",
@@ -166,7 +166,7 @@ BAD = {
     ),
     "no rope": ("rope-aware", without("rope_length_m"), r"column rope_length_m is missing"),
     "no time": ("pendulum-smoother", without("time_s"), r"column time_s is missing"),
-    "fractions": ("mean-ray", scaled(1 / 1920), r"pixels are needed, not fractions"),
+    "fractions": ("mean-ray", scaled(1 / 1920), r"use pixels, not fractions"),
     "another picture": ("mean-ray", scaled(4.0), r"u_px, row 1: \d+\.?\d* lies outside any picture of 1920 x 1080"),
     "no rows": ("mean-ray", kept(0), r"no rows"),
     "two rows": ("mean-ray", kept(2), r"2 of 2 rows have a pixel; mean-ray needs at least 3"),

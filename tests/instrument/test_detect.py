@@ -293,7 +293,7 @@ def test_of_several_classes_the_grab_alone_counts(tmp_path):
         looks = Yolo(constant_yolo(tmp_path / "two.onnx", turned, metadata={"names": names}))
         assert looks(picture).score == pytest.approx(score)
     for names, problem in {
-        "{0: 'truck', 1: 'crane'}": r"outputs 2 classes \(truck, crane\), of which one must be called 'grab'",
+        "{0: 'truck', 1: 'crane'}": r"outputs 2 classes \(truck, crane\), one of which must be named 'grab'",
         "no literal": "no names",
         "{0: 'grab'}": "names 1 classes and outputs 2",
     }.items():

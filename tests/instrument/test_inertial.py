@@ -339,7 +339,7 @@ def test_estimate_and_run_take_the_folder(crane, folder, tmp_path):
     assert json.loads(done.stdout)["estimator"] == "inertial-fusion"
     refused = CliRunner().invoke(command, [*call, "--estimator", "mean-ray"])
     assert refused.exit_code == 2
-    assert "--imu has an estimator of its own" in refused.output
+    assert "--imu selects its own estimator" in refused.output
     assert assemble(imu=folder).estimator.name == "inertial-fusion"
     with pytest.raises(RunError, match="leave out estimator and calibration"):
         assemble(imu=folder, estimator="mean-ray")
@@ -390,7 +390,7 @@ def test_a_stream_has_no_sensor(crane, tmp_path, monkeypatch):
 
     monkeypatch.setattr("simgrab.instrument.run.run.open_source", lambda *_args, **_kwargs: Endless())
     pipeline = Pipeline(nobody, None, InertialFusion(imu=readings()))
-    with pytest.raises(RunError, match="a stream has no time in common"):
+    with pytest.raises(RunError, match="a stream cannot be used"):
         run("rtsp://camera/1", crane.calibration, tmp_path / "run", pipeline)
     assert not (tmp_path / "run").exists()
 

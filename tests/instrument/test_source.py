@@ -525,7 +525,7 @@ def test_a_folder_of_pictures_has_the_rate_it_is_given(tmp_path):
 def test_a_rate_is_refused_where_there_are_times(tmp_path, dataset):
     with pytest.raises(SourceError, match="has its own time stamps; --rate applies to image folders and to videos wi"):
         open_source(film(tmp_path / "a.mp4", even(3)), rate_hz=9)
-    with pytest.raises(SourceError, match="is a dataset, whose labels hold the times; --rate applies to"):
+    with pytest.raises(SourceError, match="is a dataset, whose labels contain the times; --rate applies to"):
         open_source(dataset, rate_hz=9)
     cv2.imwrite(str(tmp_path / "a.png"), picture(3))
     with pytest.raises(SourceError, match="this is one picture"):
@@ -579,7 +579,7 @@ def test_the_camera_file_lies_in_or_beside_the_source(tmp_path, dataset):
     (tmp_path / "a.camera.toml").touch()
     assert camera_beside(tmp_path / "a.mp4") == tmp_path / "a.camera.toml"
     cv2.imwrite(str(tmp_path / "b.png"), picture(0))
-    with pytest.raises(SourceError, match="no camera file in or beside it; name one by --camera"):
+    with pytest.raises(SourceError, match="there is no camera file in it or beside it; name one by --camera"):
         camera_beside(tmp_path / "b.png")
     with pytest.raises(SourceError, match="there is no such file or folder"):
         camera_beside(tmp_path / "b.mp4")

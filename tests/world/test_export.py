@@ -224,7 +224,7 @@ def test_a_part_that_cannot_be_is_refused(source, exported, tmp_path):
     shards = simgrab.open(exported / "webdataset")
     for part, name, line in (
         (source[::-1], "yolo", "in the order"),
-        (source[:0], "yolo", "must hold frames"),
+        (source[:0], "yolo", "must contain frames"),
         (source[1:], "webdataset", "as webdataset"),
         (shards[1:], "yolo", "of shards"),
     ):

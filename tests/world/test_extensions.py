@@ -129,7 +129,10 @@ BAD = [
     ({"trajectory": lambda s, f, r: circle(s, f + 1, r)}, "got that of frame 1"),
     ({"trajectory": changed(time=0.0)}, "time and jib must be given together"),
     ({"trajectory": changed(time=3.0, jib=JIB)}, "time is 3, not within"),
-    ({"trajectory": lambda s, f, r: replace(circle(s, f, r), ahead=circle(s, f, r))}, "a moment ahead needs times"),
+    (
+        {"trajectory": lambda s, f, r: replace(circle(s, f, r), ahead=circle(s, f, r))},
+        "a moment with ahead needs a time",
+    ),
     ({"trajectory": changed(grab=None)}, "no attribute"),
     ({"randomiser": lambda *_: 3}, "must return a mapping"),
     ({"randomiser": lambda *_: 1 / 0}, "randomiser .* raised ZeroDivisionError: division by zero"),
@@ -179,7 +182,7 @@ def test_installed_packages_offer_functions_by_name(monkeypatch, tmp_path):
     assert done.exit_code == 0, done.output
     again = ["render", str(tmp_path / "a" / "manifest.json"), "--quiet", "--out"]
     refused = CliRunner().invoke(cli, [*again, str(tmp_path / "b")])
-    assert "functions of a user (effect world.user_functions:speckle)" in str(refused.exception or refused.output)
+    assert "a user's functions (effect world.user_functions:speckle)" in str(refused.exception or refused.output)
     done = CliRunner().invoke(cli, [*again, str(tmp_path / "c"), "--effect", "speckle"])
     assert digests(tmp_path / "a") == digests(tmp_path / "c"), done.output
 
@@ -219,17 +222,17 @@ def test_frames_share_no_pixels_with_an_effect():
 def test_partials_are_distinguished_and_lambdas_are_not_resumed(tmp_path):
     one, other, same = (Extensions.of(None, None, [partial(lent, k)]).describe() for k in (1, 2, 1))
     assert one == same != other
-    with pytest.raises(ExtensionError, match="cannot be recognised again"):
+    with pytest.raises(ExtensionError, match="cannot be identified"):
         simgrab.render(SCENE, tmp_path / "out", resume=True, effects=[lambda rgb, *_: rgb])
-    with pytest.raises(ExtensionError, match="cannot be given to worker processes"):
+    with pytest.raises(ExtensionError, match="cannot be sent to worker processes"):
         simgrab.render(SCENE, tmp_path / "out", workers=2, effects=[lambda rgb, *_: rgb])
 
 
 def test_a_manifest_is_not_rendered_without_its_functions(made, tmp_path):
-    with pytest.raises(ExtensionError, match="functions of a user"):
+    with pytest.raises(ExtensionError, match="a user's functions"):
         simgrab.frames(made / "manifest.json")
     (tmp_path / "manifest.json").write_text('{"extensions": {"functions": 5}}')
-    with pytest.raises(ExtensionError, match="functions of a user"):
+    with pytest.raises(ExtensionError, match="a user's functions"):
         Extensions().refuse_others(tmp_path / "manifest.json")
     assert len(simgrab.FrameDataset(made / "manifest.json", **FUNCTIONS)) == 4
 

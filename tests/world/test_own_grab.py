@@ -271,7 +271,7 @@ def test_what_a_file_is_now_must_be_what_it_was(tmp_path):
     trimesh.creation.box((1.9, 2, 2)).export(path)
     scene = tmp_path / "scene.toml"
     scene.write_text(f'[grab]\nmodel = "mesh"\nfile = "a.stl"\nsha256 = "{"0" * 64}"', "utf-8")
-    with pytest.raises(ScenarioError, match="another content"):
+    with pytest.raises(ScenarioError, match="different content"):
         scenes.load(scene)
     keys = Mesh.of(path)
     path.unlink()  # what was read is kept
@@ -458,9 +458,12 @@ def test_a_grab_in_another_unit_is_refused_with_the_likely_one(files):
         ({"ropes": 1, "rope_ends_m": ((0.5, 0, 2),), "centre_m": (0, 0, 0.5)}, "0.50 m beside"),
         ({"jaws": ({"node": "Hook", "open_deg": 5},)}, "no node 'Hook'; it has 'Beam', 'HookLeft'"),
         ({"jaws": ({"node": "HookLeft"},)}, "either open_deg or stroke_m"),
-        ({"jaws": ({"node": "HookLeft", "stroke_m": 0.3},)}, "at least one needs open_deg"),
+        ({"jaws": ({"node": "HookLeft", "stroke_m": 0.3},)}, "at least one jaw needs open_deg"),
         ({"jaws": ({"node": "HookLeft", "open_deg": 5, "axis": (0, 0, 0)},)}, "must be a direction"),
-        ({"jaws": tuple({"node": n, "open_deg": 5} for n in ("Beam", "HookLeft", "HookRight"))}, "all of the file is"),
+        (
+            {"jaws": tuple({"node": n, "open_deg": 5} for n in ("Beam", "HookLeft", "HookRight"))},
+            "every part belongs to a jaw",
+        ),
         ({"jaws": ({"node": "HookLeft", "open_deg": 5},) * 2}, "the same node"),
         ({"lips_m": ((0, 0, 0),) * 5}, "length"),
     ],

@@ -194,10 +194,10 @@ def test_sensors_neither_vary_nor_come_without_physics(tmp_path):
     varied = scene.to_dict() | {"vary": {"sensors.imu0.rate_hz": {"dist": "one-of", "values": [100.0, 200.0]}}}
     with pytest.raises(ScenarioError, match=r"vary\.sensors\.imu0\.rate_hz: .*cannot vary"):
         scenes.of_manifest({"scenario": varied}, "here", lambda *_: b"")
-    with pytest.raises(ScenarioError, match="sensors: the scene has none"):
+    with pytest.raises(ScenarioError, match="sensors: there are none"):
         simgrab.sensors("free-swing")
     with pytest.raises(ScenarioError, match="sensors: a trajectory of yours gives poses without accelerations"):
         simgrab.render(scene, tmp_path / "out", trajectory=lambda *_: None)
-    with pytest.raises(ScenarioError, match="sensors: are written beside a dataset"):
+    with pytest.raises(ScenarioError, match="sensors: need a dataset"):
         simgrab.render_video(scene, tmp_path / "swing.mp4")
     assert not list(tmp_path.iterdir())

@@ -144,7 +144,7 @@ def test_a_place_that_vanishes_gets_no_manifest(scene, tmp_path, monkeypatch):
         render(scene, other.as_uri(), shard_frames=4, progress=lose)
     assert render(scene, other.as_uri(), shard_frames=4, resume=True).made == 4
     monkeypatch.setattr(Journal, "opened", contextlib.nullcontext)
-    with pytest.raises(DatasetError, match=r"is gone, or another process finished it: it has no unfinished\.json"):
+    with pytest.raises(DatasetError, match=r"was removed or finished by another process; it has no unfinished\.json"):
         render(scene, (tmp_path / "unclaimed").as_uri(), shard_frames=4)
 
 
@@ -175,7 +175,7 @@ def test_a_place_that_holds_something_else_is_refused(scene, tmp_path):
         ("file:///proc/x", {}, "/proc/x"),
         ("file:///tmp/x", {"shard_frames": 0}, "1 frame or more"),
         ("file:///tmp/x", {"video": "x.mp4"}, "give neither cluster nor URL"),
-        ("folder", {"shard_frames": 5}, "a folder, which has no shards; give a URL such as file:///"),
+        ("folder", {"shard_frames": 5}, "a folder; shards need a URL such as file:///"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path, monkeypatch, out, options, why):

@@ -26,7 +26,7 @@ MOST_BUFFER_BITS = 2**31 - 1  # FFmpeg's
 
 
 class Coder:
-    """Codes pictures into a file as they come, an MP4 in fragments. Use as a context manager.
+    """Codes pictures into a file one by one; an MP4 is written in fragments. Use as a context manager.
 
     Colours are BT.709, limited range, 4:2:0, and tagged so.
 
@@ -78,13 +78,13 @@ class Coder:
             self._file.close()
 
     def send(self, rgb: NDArray[np.uint8], pts: int) -> None:
-        """Code a picture.
+        """Encode a picture.
 
         Parameters
         ----------
         rgb : ndarray of uint8, shape (height, width, 3)
         pts : int
-            Presentation time, ticks, above that of the picture before.
+            Presentation time, ticks; it must exceed the previous picture's.
         """
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24").reformat(
             format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG, threads=1

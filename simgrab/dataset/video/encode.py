@@ -51,12 +51,12 @@ def encode_clip(
     videos : VideoFiles
     clip : int
     take : callable
-        Gives the shot of a frame. Called once for each frame that the video shows, in order.
+        Returns the shot of a frame. Called once for each frame that the video shows, in order.
     rendered_by : Fingerprint
     tick : callable
         Called after every frame of the clip, shown or not.
     also : callable
-        Whether a frame is to be taken even where the video does not show it.
+        Whether to take a frame that the video does not show.
     """
     scenario, container = videos.scenario, videos.container
     core = videos.identity | {"clip": clip}
@@ -102,7 +102,7 @@ def encode_clip(
 
 
 def _timed(truth: Truth, clip: int, slot: Slot) -> Truth:
-    """Rows of independent frames know neither clip nor time; within a video they have both."""
+    """Add clip and time to a row of an independent frame, which has neither outside of a video."""
     if truth.time_s is not None:
         return truth
     return msgspec.structs.replace(truth, clip=clip, time_s=slot.time_s)

@@ -1,7 +1,7 @@
-"""Where a scenario's clips lie, which of them are finished, and how they are taken up again.
+"""Places of a scenario's clips, which of them are finished, and how they are resumed.
 
-Clips are made in a hidden folder beside where they will lie. A clip counts as finished once its manifest lies there,
-which comes last.
+Clips are made in a hidden folder beside their final place. A clip is finished once its manifest is in place; the
+manifest is moved last.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class VideoFiles:
 
     @property
     def journal(self) -> Journal:
-        """Who makes the clips, and what they are; which are finished their manifests say."""
+        """Owner and identity of the clips. Their manifests show which clips are finished."""
         partial = f".{self.path.name}.partial"
         store = Store(str(self.path.parent), drafts=partial)
         return Journal(store, partial, f"{partial}/{IDENTITY}", kind="video", option="--video", name=str(self.path))
@@ -92,17 +92,17 @@ class VideoFiles:
         return {self.path.suffix: video} | {side: video.with_suffix(side) for side in SIDES}
 
     def draft(self, clip: int, suffix: str) -> Path:
-        """Where a file of a clip is made."""
+        """Path at which a file of a clip is made."""
         return self.partial / f"{clip:03d}{suffix}"
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """What must be equal for two runs to make the same videos, except for the renderer."""
+        """Data that must be equal for two runs to make the same videos; the renderer is compared apart."""
         packages = self.core["packages"] | {"av": version("av")}
         return self.core | {"packages": packages, "container": self.container.name}
 
     def known(self, clip: int) -> dict[str, Any] | None:
-        """Manifest of a clip, where there is one."""
+        """Manifest of a clip, if it exists."""
         return self.journal.known(self.files(clip)[MANIFEST].name)
 
     def is_finished(self, clip: int) -> bool:
@@ -110,7 +110,7 @@ class VideoFiles:
         return all(path.exists() for path in self.files(clip).values())
 
     def rendered_by(self) -> str | None:
-        """Fingerprint of the renderer of the finished clips; None where there are none."""
+        """Fingerprint of the renderer of the finished clips; None if there are none."""
         manifests = (self.known(clip) for clip in range(self.count))
         return next((str(known["renderer"]["fingerprint"]) for known in manifests if known is not None), None)
 
@@ -120,7 +120,7 @@ class VideoFiles:
         Raises
         ------
         DatasetError
-            If something lies in the way that is not, with ``resume``, of the same scenario.
+            If the place is taken; with ``resume``, only if by something other than the same scenario's clips.
         """
         check_file(self.files(0)[self.path.suffix], DatasetError, "--video")
         journal, remaining = self.journal, []
@@ -136,18 +136,18 @@ class VideoFiles:
             if known is not None:
                 journal.refuse_other(known, self.identity)
             elif there and begun is None:
-                raise DatasetError(f"{there[0]} is not of a video that simgrab made; choose another --video")
+                raise DatasetError(f"{there[0]} does not belong to a video that simgrab made; choose another --video")
             if not self.is_finished(clip):
                 remaining.append(clip)
         return remaining
 
     def put_in_place(self, clip: int) -> None:
-        """Move the drafts of a clip to where they will lie; the manifest makes it count."""
+        """Move the drafts of a clip to their final place. The manifest comes last and marks the clip as finished."""
         for suffix, target in self.files(clip).items():
             self.draft(clip, suffix).replace(target)
 
     def summary(self, made: int) -> VideoSummary:
-        """Sum up finished clips, of which so many were made just now."""
+        """Sum up finished clips; ``made`` of them were made in this run."""
         scenario, sent, repeated, size = self.scenario, 0, 0, 0
         clamped = Counter[str]()
         for clip in range(self.count):

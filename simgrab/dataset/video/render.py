@@ -35,7 +35,7 @@ def render_video(
 ) -> VideoSummary:
     """Render a scenario into an H.264 video with a truth table beside it, or one of each for every clip.
 
-    The same scenario gives the same bytes whatever the number of workers, and however often it was interrupted.
+    The same scenario gives the same bytes for any number of workers and interruptions.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def render_video(
     progress : callable, optional
         Called with (frames done, frames in all).
     checking : callable, optional
-        Called before that, where there are many worlds, with (worlds that were found possible, worlds in all).
+        Called before that, if there are many worlds, with (worlds found possible, worlds in all).
     randomiser, trajectory, effects
         Functions of yours, as `simgrab.frames` takes them; see `simgrab.render`.
 
@@ -62,19 +62,20 @@ def render_video(
     Raises
     ------
     ScenarioError
-        If a frame cannot be, the camera never sees the grab, or the picture's size is odd; before anything is written.
+        If a frame is impossible, the camera never sees the grab, or the picture's size is odd. Nothing has been written
+        then.
     DatasetError
-        If something else lies there, or it cannot be written.
+        If the path is taken, or cannot be written.
     RendererError
         If there is no offscreen OpenGL.
     ExtensionError
-        If a function of yours cannot be found, raises, or returns what no frame can be.
+        If a function of yours cannot be found, raises, or returns impossible values.
     WorkerError
-        If worker processes die of a frame or clip again and again.
+        If worker processes die repeatedly at one frame or clip.
     """
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
     if recipe.scenario.sensors:
-        raise ScenarioError("sensors", "are written beside a dataset: render one together with the video (--out)")
+        raise ScenarioError("sensors", "need a dataset: render one together with the video (--out)")
     if resume:
         recipe.extensions.refuse_unknown()
     pool.check(recipe, workers)
@@ -117,13 +118,13 @@ class Clips:
 
 @dataclass(frozen=True)
 class ClipWork:
-    """Work on one clip: encode it, and store its frames in a dataset, where either is unfinished.
+    """Work on one clip: encode it, and store its frames in a dataset, whichever is unfinished.
 
     Parameters
     ----------
     videos : VideoFiles
     journal : Journal or None
-        Of the dataset, if there is one.
+        Journal of the dataset, if there is one.
     """
 
     videos: VideoFiles

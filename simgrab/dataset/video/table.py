@@ -10,10 +10,10 @@ GROUP_ROWS = 500
 
 
 def schema() -> pa.Schema:
-    """Arrow schema: what the picture is within the video, then what is known of the frame that it shows.
+    """Arrow schema: columns of the picture in the video, then the labels of the frame it shows.
 
-    The columns of ``labels.parquet`` that speak of picture files give way to ``rgb_sha256``: the table lies beside its
-    video, and is the same whatever they are called.
+    ``rgb_sha256`` replaces the columns of ``labels.parquet`` that name picture files, so that the table does not depend
+    on file names.
     """
     labels = labels_schema()
     own = [

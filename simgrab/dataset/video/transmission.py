@@ -1,4 +1,4 @@
-"""What becomes of a clip's frames on their way into the video: lost, late, or sent, and with which time stamp."""
+"""Transmission of a clip's frames into the video: each is lost, late or sent, with a time stamp."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Slot:
     time_s : float
         Within the clip.
     pts : int or None
-        Presentation time of what is sent, in ticks of the stream; None where the frame is lost and nothing is sent.
+        Presentation time, in ticks of the stream; None if the frame is lost.
     repeated : bool
-        Whether the picture last sent is sent again instead of the frame.
+        Whether the previous picture is sent again instead of the frame.
     """
 
     frame: int
@@ -32,14 +32,14 @@ class Slot:
 
     @property
     def shows_frame(self) -> bool:
-        """Whether the video gets to show this frame."""
+        """Whether the video shows this frame."""
         return self.pts is not None and not self.repeated
 
 
 def slots(scenario: Scenario, clip: int, ticks_per_s: int) -> Iterator[Slot]:
     """Go through a clip in order; see `simgrab.model.scenario.Clip` for what the settings mean.
 
-    Time stamps arrive in order: one that would come before its predecessor comes a tick after it.
+    Time stamps increase: one that would precede the previous one is set to a tick after it.
 
     Parameters
     ----------

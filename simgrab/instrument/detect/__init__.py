@@ -46,7 +46,7 @@ def detector(name: str | Path = FOUR_ROPE) -> Detector:
 
 
 def located(name: str | Path) -> Path:
-    """Return the folder of a detector that simgrab comes with, by its name, or else the path itself."""
+    """Return the folder of a bundled detector, by its name; any other path is returned unchanged."""
     return SHIPPED[name] if isinstance(name, str) and name in SHIPPED else Path(name)
 
 

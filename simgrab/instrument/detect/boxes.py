@@ -15,7 +15,7 @@ def iou(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def covered(a: ArrayLike, b: ArrayLike) -> Array:
-    """Share of the smaller of boxes (..., 4) that the other covers, by pairs: 1 where one lies in the other."""
+    """Share of the smaller box that the larger box covers, for pairs of boxes (..., 4): 1 if one contains the other."""
     return _share(overlap(a, b), np.minimum(area(a), area(b)))
 
 
@@ -26,7 +26,7 @@ def overlap(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def area(box: ArrayLike) -> Array:
-    """Area of boxes (..., 4); 0 of those that end before they begin."""
+    """Area of boxes (..., 4); 0 for inverted boxes."""
     p = np.asarray(box, float)
     return np.asarray(np.prod(np.maximum(p[..., 2:] - p[..., :2], 0), axis=-1))
 

@@ -84,7 +84,7 @@ class Settings(Checked, frozen=True):
     Attributes
     ----------
     least_heat : float
-        From which on a place is a candidate.
+        Least heat of a candidate.
     least_presence : float
         Least output of settle at which it is a grab.
     rivals : float
@@ -114,10 +114,10 @@ class Trust(Checked, frozen=True):
     Attributes
     ----------
     box, centre, yaw : float
-        By what stated standard deviations are multiplied.
+        Factors of the stated standard deviations.
     outward : float
-        How far out predicted centres lie: in longer sides of the box, a picture's width from its middle. Crops do not
-        show from how far aside the grab is seen, and so the nets predict too little of the parallax.
+        Outward error of predicted centres, in longer sides of the box at a picture's width from its middle. Crops do
+        not show how obliquely the grab is seen, so the nets underestimate the parallax.
     """
 
     error = DetectorError
@@ -145,9 +145,9 @@ class Refined:
     boxes, box_sd : ndarray, shape (n, 4)
         Edges, px of the picture, and the standard deviations of each.
     centres, centre_sd : ndarray, shape (n, 2)
-        Of the grab, px of the picture.
+        Centre of the grab, px of the picture.
     yaw, yaw_sd : ndarray, shape (n,)
-        Of the grab, rad, from 0 to π.
+        Yaw of the grab, rad, from 0 to π.
     presence : ndarray, shape (n,)
         Probability that the grab is there.
     """
@@ -178,12 +178,12 @@ class GrabDetector:
     folder : path
         Holds ``find.onnx``, ``refine.onnx`` and ``settle.onnx``, and ``verify.onnx`` where settle's metadata say so.
     settings : Settings, optional
-        In place of those in the file.
+        Replace the settings in the file.
 
     Attributes
     ----------
     name : str
-        What it is called in reports: a name in `SHIPPED`, or the folder's.
+        Name in reports: a name in `SHIPPED`, or the folder's.
 
     Raises
     ------
@@ -231,8 +231,8 @@ class GrabDetector:
     def _again(self, picture: Picture, candidates: list[Candidate]) -> list[Refined]:
         """Refine more candidates more often, each time from where the grab was seen, and predict the pose in each.
 
-        The hottest are not enough: where other grabs stand about, the one that is meant may come after them. Nor is the
-        hottest at its own size: find may mark the grab, and predict a box so much too great or small that refine fails.
+        The hottest candidates alone may all be other, parked grabs. And even if find marks the right grab, its box may
+        be so much too large or small that refine fails.
         """
         places = [_scaled(candidates[0].box, by) for by in _SIZES]
         surely = len(places) + _MOST
@@ -245,7 +245,7 @@ class GrabDetector:
         return [self.predict_pose(picture, refined.one(i)) for i in range(len(boxes))]
 
     def candidates(self, picture: Picture) -> list[Candidate]:
-        """Places that find takes for the grab, the hottest first."""
+        """Places where find detects the grab, the hottest first."""
         patch = whole(picture.shape[1], picture.shape[0])
         small = cut(picture, patch, FIND_WIDTH, FIND_HEIGHT)
         logits, reach = _run(self._find, small[None], _MAPS)
@@ -313,7 +313,7 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
 
 
 def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: int) -> Refined:
-    """Read refine's output (n, 16) on patches of a picture of a size."""
+    """Read refine's output (n, 16) on patches of a picture of this size."""
     o = _sane(out)
     corner, extent = np.stack([p.corner for p in patches]), np.stack([p.size for p in patches])
     places = corner[:, None] + o[:, :6].reshape(-1, 3, 2) * extent[:, None]
@@ -328,7 +328,7 @@ def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: in
 
 
 def with_pose(refined: Refined, out: NDArray[np.floating], level: Level) -> Refined:
-    """Put settle's output (1, 16) on a level part in place of refine's output, except for the box."""
+    """Replace refine's output, except for the box, by settle's output (1, 16) on a level part."""
     o = _sane(out)[0]
     sd = math.sqrt(2) * np.exp(o[10:12]) * level.side
     return replace(
@@ -374,7 +374,7 @@ def _detection(refined: Refined, presence: float, picture: Picture, trust: Trust
 
 
 def lean(centre: Array, box: Array, width: int, height: int) -> Array:
-    """Way (2,) from a picture's middle to a centre, in its widths, by the box's longer side: like the parallax, px."""
+    """Vector (2,), px, along the parallax: from a picture's middle to a centre, in widths, times the longer side."""
     side = float((box[2:] - box[:2]).max())
     return np.asarray((centre - np.array([width, height]) / 2) * side / width)
 

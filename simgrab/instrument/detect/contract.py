@@ -1,4 +1,4 @@
-"""What every detector keeps to."""
+"""The contract of every detector."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Detector(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name in reports."""
 
     def __call__(self, picture: NDArray[np.uint8]) -> Detection:
         """Detect the grab in a picture, RGB, (height, width, 3).
@@ -24,7 +24,7 @@ class Detector(Protocol):
         Raises
         ------
         DetectorError
-            If that is no picture; a picture without a grab gives a `Detection` of status none.
+            If the array is not a picture. A picture without a grab returns a `Detection` with status ``"none"``.
         """
 
 
@@ -32,7 +32,7 @@ LEAST_PX = 32
 
 
 def check(picture: NDArray[np.uint8]) -> None:
-    """Refuse what is no RGB picture.
+    """Refuse an array that is not an RGB picture.
 
     Raises
     ------
@@ -41,6 +41,6 @@ def check(picture: NDArray[np.uint8]) -> None:
     kind: object = getattr(picture, "dtype", type(picture).__name__)
     shape: tuple[int, ...] = getattr(picture, "shape", ())
     if kind != np.uint8 or len(shape) != 3 or shape[2] != 3:
-        raise DetectorError(f"a picture is uint8 of shape (height, width, 3), RGB; this is {kind} of shape {shape}")
+        raise DetectorError(f"a picture is uint8 of shape (height, width, 3), RGB; got {kind} of shape {shape}")
     if min(shape[:2]) < LEAST_PX:
         raise DetectorError(f"a picture of {shape[1]}x{shape[0]} is too small: {LEAST_PX} px a side at least")

@@ -1,4 +1,4 @@
-"""Crops mirrored, and what nets predict in them: errors of the mirror images differ, and their mean is smaller."""
+"""Mirror crops, and average a net's outputs on them: their errors differ, so the mean has a smaller error."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ WAYS = 2
 
 
 def flipped(crops: Picture, ways: int) -> Picture:
-    """Mirror crops, (n, h, w, channels), in so many ways, shape (ways * n, h, w, channels)."""
+    """Mirror crops (n, h, w, channels) in ``ways`` ways: shape (ways * n, h, w, channels)."""
     return np.concatenate([
         crops[:, :: -1 if down else 1, :: -1 if across else 1] for across, down in FLIPS[:ways]
     ])  # fmt: skip
 
 
 def averaged(rows: NDArray[np.floating], ways: int) -> Array:
-    """Average refine's or settle's output on `flipped` crops, (ways * n, 16), laid back; shape (n, 16).
+    """Mirror refine's or settle's output on `flipped` crops, (ways * n, 16), back, and average it; shape (n, 16).
 
     Log scales and logits are averaged as they are, and yaw as a direction.
     """

@@ -1,4 +1,4 @@
-"""Parts of a picture as nets see them, and the way back to the picture's own pixels.
+"""Parts of a picture as input of nets, and the mapping back to the picture's pixels.
 
 A patch is a rectangle of whole pixels, which may reach beyond the picture, shrunk to a net's size by area. Shares of a
 patch run from 0 at its first corner to 1 at its last, so that both ends and everything between map exactly.
@@ -47,15 +47,15 @@ class Patch:
 
     @property
     def box(self) -> Array:
-        """Its first and last corner, px: (4,)."""
+        """First and last corner, px: (4,)."""
         return np.array([self.x0, self.y0, self.x1, self.y1], float)
 
     def to_picture(self, shares: ArrayLike) -> Array:
-        """Picture's pixels of points (..., 2) in shares of the patch."""
+        """Convert points (..., 2) from shares of the patch to the picture's pixels."""
         return np.asarray(self.corner + np.asarray(shares, float) * self.size)
 
     def to_shares(self, points: ArrayLike) -> Array:
-        """Points (..., 2) of the picture in shares of the patch."""
+        """Convert points (..., 2) from the picture's pixels to shares of the patch."""
         return np.asarray((np.asarray(points, float) - self.corner) / self.size)
 
 
@@ -66,11 +66,11 @@ class Level:
     Attributes
     ----------
     middle : ndarray, shape (2,)
-        Px of the picture.
+        Middle, px of the picture.
     side : float
-        Px of the picture.
+        Side, px of the picture.
     angle : float
-        Of that direction, clockwise from the picture's x axis, rad.
+        Angle of that direction, clockwise from the picture's x axis, rad.
     """
 
     middle: Array
@@ -84,11 +84,11 @@ class Level:
         return np.array([[c, -s], [s, c]])
 
     def to_picture(self, shares: ArrayLike) -> Array:
-        """Picture's pixels of points (..., 2) in shares of the part."""
+        """Convert points (..., 2) from shares of the part to the picture's pixels."""
         return np.asarray(self.middle + self.side * (np.asarray(shares, float) - 0.5) @ self.axes.T)
 
     def to_shares(self, points: ArrayLike) -> Array:
-        """Points (..., 2) of the picture in shares of the part."""
+        """Convert points (..., 2) from the picture's pixels to shares of the part."""
         return np.asarray((np.asarray(points, float) - self.middle) @ self.axes / self.side + 0.5)
 
 
@@ -101,7 +101,7 @@ def whole(width: int, height: int, aspect: float = FIND_WIDTH / FIND_HEIGHT, *, 
 
 
 def around(box: ArrayLike, factor: float) -> Patch:
-    """Square patch around a box x0, y0, x1, y1, its side, even and 16 px at least, ``factor`` times the longer one."""
+    """Square patch around a box x0, y0, x1, y1; its side is ``factor`` times the longer side, even, at least 16 px."""
     x0, y0, x1, y1 = np.asarray(box, float)
     side = max(2 * math.ceil(factor * max(x1 - x0, y1 - y0) / 2), 16)
     left, top = round((x0 + x1 - side) / 2), round((y0 + y1 - side) / 2)
@@ -116,7 +116,7 @@ def cut(picture: Picture, patch: Patch, width: int, height: int) -> Picture:
     picture : ndarray of uint8, shape (h, w, channels)
     patch : Patch
     width, height : int
-        Of the result.
+        Size of the result.
 
     Returns
     -------
@@ -145,17 +145,17 @@ def cut_level(picture: Picture, level: Level, size: int) -> Picture:
 
 
 def turned(crop: Picture, patch: Patch, level: Level, size: int) -> Picture:
-    """Turn what lies in an upright crop.
+    """Rotate an upright crop to a level part of the same picture.
 
     Parameters
     ----------
     crop : ndarray of uint8, shape (n, n, 4)
-        Of ``patch``, with what lies in the picture; as fine as the result, or nearly so.
+        Crop of ``patch``, with what lies in the picture; as fine as the result, or nearly so.
     patch : Patch
     level : Level
-        What is wanted of the same picture.
+        The level part to cut.
     size : int
-        Of the result, (size, size, 4).
+        Side of the result, (size, size, 4).
     """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # of the crop
     origin, *ends = level.to_shares(patch.to_picture(corners)) * size
@@ -171,16 +171,16 @@ def turned(crop: Picture, patch: Patch, level: Level, size: int) -> Picture:
 
 
 def mask(width: int, height: int, corner: Array, extent: Array, size: int) -> Picture:
-    """How much of each pixel of a part of a picture lies in it, 0 to 255.
+    """Share of each pixel of a part that lies inside the picture, 0 to 255.
 
     Parameters
     ----------
     width, height : int
-        Of the picture.
+        Size of the picture.
     corner, extent : ndarray, shape (2,)
         First corner, and width and height of the part, px of the picture.
     size : int
-        Of the result, (size, size).
+        Side of the result, (size, size).
     """
     edges = np.linspace(0, 1, size + 1)
     columns, rows = (

@@ -38,9 +38,9 @@ class Detections:
     files : tuple of Path
     detections : tuple of Detection
     seconds : tuple of float
-        From decoded picture to detection.
+        Time from decoded picture to detection.
     note : str
-        What was assumed of the pictures; mostly empty.
+        Assumptions on the pictures; mostly empty.
     """
 
     detector: str
@@ -58,7 +58,7 @@ def detect(
     Parameters
     ----------
     source : str or path
-        As `simgrab.instrument.source.open_source` takes it, but no video or stream.
+        As `simgrab.instrument.source.open_source` takes it, except for videos and streams.
     detector : str, path or Detector
         ``"bundled"``, ``"any-grab"``, a folder that `simgrab train detector` wrote, a YOLO's ``.onnx`` file, or an open
         detector.
@@ -68,13 +68,13 @@ def detect(
     Returns
     -------
     Detections
-        ``files`` and, for each, what was detected; `simgrab.instrument.detect.pictures.rows` makes plain rows of
-        it, and `save` beside it a table.
+        ``files`` and the detection of each. `simgrab.instrument.detect.pictures.rows` makes plain rows of them, and
+        `simgrab.instrument.detect.pictures.save` writes a table.
 
     Raises
     ------
     SourceError, DatasetError, DetectorError
-        If there is no picture, one cannot be read or used, or the detector cannot be opened.
+        If there is no picture, a picture cannot be read or used, or the detector cannot be opened.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def detect(
 def detect_dataset(
     path: Path, rows: Sequence[frame_files.PictureRow], detector: Detector, progress: Progress | None = None
 ) -> Detections:
-    """Detect the grab in pictures of a dataset, which must be those that its labels are of; see `detect`."""
+    """Detect the grab in a dataset's pictures, whose digests must be those of its labels; see `detect`."""
     files = [path / row.file for row in rows]
     return _detect(files, map(frame_files.picture, files, rows), detector, progress)
 
@@ -122,7 +122,7 @@ def _detect(
 
 
 def rows(detections: Detections) -> list[dict[str, Any]]:
-    """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box centre where the detector outputs none."""
+    """One plain row a picture; ``u_px, v_px`` is the grab centre, or the box centre if none is output."""
     return [
         {"file": encodable(path)} | _row(detection) | {"seconds": seconds}
         for path, detection, seconds in zip(detections.files, detections.detections, detections.seconds, strict=True)
@@ -166,7 +166,9 @@ def check_table(path: Path) -> None:
 
 
 def save(detections: Detections, path: str | Path) -> None:
-    """Write the rows to ``.parquet`` or ``.csv``, which `simgrab estimate` reads as they are; all of them or no file.
+    """Write the rows to ``.parquet`` or ``.csv``, which `simgrab estimate` reads.
+
+    The file appears complete or not at all.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A user's own YOLO, as its exporter wrote it.
+"""A user's own YOLO, in the ONNX layout of its exporter.
 
 Layouts, which differ in their shapes:
 
@@ -6,11 +6,11 @@ Layouts, which differ in their shapes:
 - YOLOX, of Megvii or libreyolo (one a cell): the same, decoded to pixels or raw, in which case a row's place and the
   logarithm of its size count in strides of its cell;
 - YOLOv6: as YOLOX decoded, with an objectness of 1 everywhere (that of its first release looks like a YOLOX);
-- YOLOv8 and those after it: 1 x (4 + classes) x n, without objectness.
+- YOLOv8 and later: 1 x (4 + classes) x n, without objectness.
 
-Of several classes the one that the file's metadata call ``grab`` counts. Pictures go in as the trainers feed them:
-letterboxed with grey in the middle, RGB from 0 to 1; for YOLOX at the top left, BGR from 0 to 255. They are shrunk by
-area, where trainers interpolate.
+Of several classes, only the class named ``grab`` in the file's metadata counts. Pictures go in as the trainers feed
+them: letterboxed with grey in the middle, RGB from 0 to 1; for YOLOX at the top left, BGR from 0 to 255. They are
+shrunk by area, where trainers interpolate.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ EXPECTED = (
 
 @dataclass(frozen=True)
 class OutputLayout:
-    """How an output is to be read: whose it is, and whether places must be decoded still."""
+    """Layout of an output: its YOLO version, and whether positions must still be decoded."""
 
     family: Literal["yolov5", "yolov6", "yolox", "yolov8"]
     raw: bool = False
@@ -65,13 +65,13 @@ class Yolo:
     ----------
     net : Net or path
     least_score : float
-        From which on a box is a grab.
+        Least score of a grab.
 
     Raises
     ------
     DetectorError
-        If the file is no detector of a known layout, or of its several classes none is the grab; the message states
-        what was expected and what is there.
+        If the file is not a detector of a known layout, or none of its several classes is the grab. The message states
+        what was expected and what was found.
     """
 
     def __init__(self, net: Net | str | Path, least_score: float = LEAST_SCORE) -> None:
@@ -91,7 +91,7 @@ class Yolo:
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name in reports."""
         return printable(self._net.path.name)
 
     def __call__(self, picture: Picture) -> Detection:
@@ -121,13 +121,13 @@ class Yolo:
 
 
 def _detects(net: Net, height: int, width: int) -> bool:
-    """Whether it predicts boxes alone: coefficients of masks or key points would pass for class scores."""
+    """Whether the net predicts boxes alone: coefficients of masks or key points would be taken for class scores."""
     masks = any(shape[2:] == (height // 4, width // 4) for shape in net.outputs.values() if len(shape) == 4)
     return net.metadata.get("task", "detect") == "detect" and not masks
 
 
 def layout(out: NDArray[np.generic], height: int, width: int) -> OutputLayout | None:
-    """Recognize an output's layout, by its values on a blank picture; None if it is no known one."""
+    """Recognize an output's layout from its values on a blank picture; None if it is unknown."""
     if out.ndim != 3 or out.shape[0] != 1:
         return None
     cells = sum((height // s) * (width // s) for s in _STRIDES)
@@ -152,9 +152,9 @@ def decode(out: NDArray[np.generic], how: OutputLayout, column: int, height: int
     out : ndarray, shape (1, n, 5 + classes) or (1, 4 + classes, n)
     how : OutputLayout
     column : int
-        The grab's among the classes.
+        Index of the grab among the classes.
     height, width : int
-        Of the net's picture.
+        Size of the net's picture.
 
     Returns
     -------
@@ -175,7 +175,7 @@ def decode(out: NDArray[np.generic], how: OutputLayout, column: int, height: int
 
 
 def _column(net: Net, classes: int) -> int:
-    """Which of the classes is the grab: the only one, or that of its name.
+    """Index of the grab's class: the only class, or the one named ``grab``.
 
     Raises
     ------
@@ -189,12 +189,12 @@ def _column(net: Net, classes: int) -> int:
         return 0
     if names.count(GRAB) != 1:
         listed = ", ".join(one_line(name, 40) for name in names[:10]) or "no names"
-        raise DetectorError(f"{net.path} outputs {classes} classes ({listed}), of which one must be called {GRAB!r}")
+        raise DetectorError(f"{net.path} outputs {classes} classes ({listed}), one of which must be named {GRAB!r}")
     return names.index(GRAB)
 
 
 def _literal(net: Net, key: str) -> object:
-    """Read what ultralytics and others write into metadata as Python prints it; None where it is none or missing."""
+    """Read metadata that ultralytics and others write as Python literals; None if missing or not a literal."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of odd escapes in the text
@@ -214,12 +214,12 @@ def _grid(height: int, width: int) -> tuple[Array, Array]:
 
 
 def _input(net: Net) -> tuple[int, int]:
-    """Height and width of the picture that a net takes.
+    """Height and width of the picture that a net takes as input.
 
     Raises
     ------
     DetectorError
-        If it takes none.
+        If its input is not a picture.
     """
     shape = next(iter(net.inputs.values()), ())
     fits = len(net.inputs) == 1 and net.types[0] == "tensor(float)" and len(shape) == 4

@@ -35,18 +35,18 @@ _OTHERS = ("contract:Estimator", "intervals:IntervalSettings", "inertial.estimat
 
 
 class EstimatorTable(Mapping[str, "type[Estimator]"]):
-    """Name on the command line → class, which can be made without arguments and is imported when it is asked for.
+    """Maps names on the command line to classes. A class is imported on first use, and can be made without arguments.
 
     Parameters
     ----------
     own : mapping of str to str
-        ``package.module:Class`` of each name. Installed packages add theirs as entry points of the group
+        ``package.module:Class`` of each name. Installed packages add their own as entry points of the group
         ``simgrab.estimators``.
 
     Raises
     ------
     RecordError
-        In one line, from ``[]``: a class that cannot be imported, or is no `Estimator`.
+        From ``[]``, in one line, for a class that cannot be imported or is not an `Estimator`.
     """
 
     def __init__(self, own: Mapping[str, str]) -> None:

@@ -1,9 +1,9 @@
-"""Least squares over a chain of states with common parameters, whole or a reading at a time.
+"""Least squares over a chain of states with common parameters, for all readings at once or one by one.
 
 A Gauss–Newton step over a whole path is one pass of the iterated extended Kalman filter followed by one of the
 Rauch–Tung–Striebel smoother (Bell 1994). Here the two passes are the factorisation of the block-tridiagonal normal
-matrix and its back substitution, and parameters that do not change in time border it instead of swelling every state.
-A filter, which must not know what comes later, has the last state alone and takes readings in with `update`.
+matrix and its back substitution, and parameters that do not change in time form its border, so that states stay small.
+A filter, which uses no later readings, keeps the last state alone and processes readings with `update`.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where a `Quadratic` is least.
+    """Minimum of a `Quadratic`.
 
     Attributes
     ----------
@@ -71,13 +71,13 @@ class Minimum:
     parameters : ndarray, shape (p,)
     value : float
     log_det : float
-        Of H.
+        Logarithm of the determinant of H.
     factor : ndarray, shape (2d, n·d)
         Cholesky factor of the states' block, in lower band form.
     gain : ndarray, shape (n·d, p)
-        By how much the states follow the parameters, with opposite sign.
+        Change of the states with the parameters, with opposite sign.
     covariance : ndarray, shape (p, p)
-        Of the parameters, H being an inverse covariance.
+        Covariance of the parameters, H being an inverse covariance.
     """
 
     states: Array
@@ -95,7 +95,7 @@ def linear(blocks: Array, parameters: Array, residual: Array, weight: Array, sec
     Parameters
     ----------
     blocks : ndarray, shape (n, m, d)
-        A. With ``second``, of the first n − 1 states.
+        A. With ``second``, A of the first n − 1 states.
     parameters : ndarray, shape (n, m, p)
         C.
     residual : ndarray, shape (n, m)
@@ -135,7 +135,7 @@ def linear(blocks: Array, parameters: Array, residual: Array, weight: Array, sec
 
 
 def prior(states: Array, precision: Array, parameters: Array, parameter_precision: Array) -> Quadratic:
-    """Σ pᵢ (xᵢ + δxᵢ)² over states (n, d) and parameters (p,) off their means, with precisions of the same shapes."""
+    """Σ pᵢ (xᵢ + δxᵢ)² over deviations of states (n, d) and parameters (p,) from their means; pᵢ: precisions."""
     band = np.zeros((2 * states.shape[1], states.size))
     band[0] = precision.ravel()
     return Quadratic(
@@ -169,7 +169,7 @@ def state_covariances(minimum: Minimum, d: int) -> Array:
 
 
 def update(covariance: Array, reading: Array, error: Array, noise: Array) -> tuple[Array, Array]:
-    """Take a reading into a filter: K = PHᵀ(HPHᵀ + R)⁻¹, δ = K(y − Hx), P ← (I − KH)P(I − KH)ᵀ + KRKᵀ (Joseph).
+    """Update a filter with a reading: K = PHᵀ(HPHᵀ + R)⁻¹, δ = K(y − Hx), P ← (I − KH)P(I − KH)ᵀ + KRKᵀ (Joseph).
 
     Parameters
     ----------

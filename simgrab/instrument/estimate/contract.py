@@ -1,4 +1,4 @@
-"""What every estimator is: frozen settings, a pure act on pixels, a value with its uncertainty."""
+"""The contract of every estimator: frozen settings, a pure function of pixels, a value with its uncertainty."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NO_SCATTER = 1e-7
 
 @dataclass(frozen=True)
 class Solution:
-    """What one estimator finds in M records, before uncertainty. Rows with a reason hold NaN.
+    """An estimator's result for M records, without uncertainty. Rows with a reason hold NaN.
 
     Attributes
     ----------
@@ -33,19 +33,19 @@ class Solution:
         Empty where the record was solved.
     beta, azimuth : ndarray, shape (M,)
     influence : ndarray, shape (M, p, n)
-        Of each frame on gravity's direction along and across the tilt (p = 2) and, where it is estimated, on minus the
-        horizontal offset in the same two directions (p = 4). Zero where the frame is missing.
+        Influence of each frame on gravity's direction along and across the tilt (p = 2) and, where it is estimated, on
+        minus the horizontal offset in the same two directions (p = 4). Zero where the frame is missing.
     swing : ndarray, shape (M, 3, n), or None
         Unit direction OA along and across the tilt and down; by default the ray itself, which is right without offset.
     lever : ndarray, shape (M, n), or None
-        By how much an error of the offset turns OA: 1/l, for p = 4.
+        Rotation of OA by a unit error of the offset: 1/l, for p = 4.
     known : ndarray, shape (M, p + 1, p + 1), or None
-        Covariance of gravity, minus offset, and σ̂² that comes from a prior and not from the frames.
+        Part of the covariance of gravity, minus offset, and σ̂² that comes from a prior and not from the frames.
     radial : ndarray, shape (M, n), or None
-        Variance of each α that comes from parameters which no frame can determine.
+        Variance of each α due to parameters that no frame can determine.
     reach : callable, optional
-        From the covariance (M, p, p) and a quantile (M,), how far β's interval reaches down and up, both (M,), where
-        the estimate answers to its frames too unevenly for a variance to describe it.
+        From the covariance (M, p, p) and a quantile (M,), how far β's interval extends down and up, both (M,), for
+        estimates whose error a variance does not describe.
     offset : ndarray, shape (M, 3), or None
     diagnostics : mapping of str to ndarray, shape (M, ...)
     """
@@ -105,8 +105,8 @@ class Estimator(ABC):
         time : array_like, shape (n,), optional
             Seconds. Without it there are no intervals by blocks.
         pixel_sd : array_like, shape (n,), optional
-            Standard deviation of each pixel coordinate, px, as the detector states it; it widens the intervals of α,
-            on top of the settings' `pixel_sd_px`. The smoother finds the noise by itself.
+            Standard deviation of each pixel coordinate, px, as the detector states it. It widens the intervals of α, in
+            addition to the settings' `pixel_sd_px`. The smoother estimates the noise itself.
 
         Returns
         -------
@@ -116,7 +116,7 @@ class Estimator(ABC):
         Raises
         ------
         RecordError
-            For wrong shapes, and for a rope length or time that is missing where needed or is invalid.
+            For wrong shapes, and for a rope length or time that is required but missing, or is invalid.
         """
         uv = np.asarray(pixels, float)
         if uv.ndim != 2 or uv.shape[-1] != 2:
@@ -227,7 +227,7 @@ def angles_of(swing: Array) -> tuple[Array, Array]:
 
 
 def _of_sigma2(frames: Frames, solution: Solution, alpha: Array, unit: Array, sigma2: Array) -> Array:
-    """Influence on σ̂² = mean α², which also depends on where the estimate puts gravity: shape (M, 1, n)."""
+    """Influence on σ̂² = mean α², which also depends on the estimated direction of gravity: shape (M, 1, n)."""
     own = alpha**2 - sigma2[:, None]
     if frames.present is not None:
         own = own * frames.present
@@ -241,7 +241,7 @@ def _of_sigma2(frames: Frames, solution: Solution, alpha: Array, unit: Array, si
 def alpha_ends(
     alpha: Array, unit: Array, cov: Array, quantile: Array, lever: Array | None, noise: Array, known: Array | None
 ) -> Array:
-    """Interval of each α, shape (M, n, 2), from what is uncertain about gravity, the offset and the ray.
+    """Interval of each α, shape (M, n, 2), from the uncertainty of gravity, the offset and the ray.
 
     Parameters
     ----------
@@ -249,14 +249,14 @@ def alpha_ends(
     unit : ndarray, shape (M, 2, n)
         Direction of the swing along and across the tilt.
     cov : ndarray, shape (M, p, p)
-        Of gravity along and across the tilt and, for p = 4, of minus the horizontal offset.
+        Covariance of gravity along and across the tilt and, for p = 4, of minus the horizontal offset.
     quantile : ndarray, shape (M,)
     lever : ndarray, shape (M, n), or None
         1/l, for p = 4.
     noise : ndarray, shape (M, n)
         Variance of the ray per axis, rad².
     known : ndarray, shape (M, n), or None
-        Variance along the swing that comes from elsewhere.
+        Variance along the swing from other sources.
     """
     c, x, y = cov[..., None], unit[:, 0], unit[:, 1]
     along, across, mixed = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
@@ -282,7 +282,7 @@ def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, mad
 
 
 def joined(parts: Sequence[tuple[NDArray[np.int64], Estimates]], m: int) -> Estimates:
-    """Put estimates of some rows each of M records together; what a part lacks is NaN."""
+    """Join estimates of parts of M records; values that a part lacks are NaN."""
     model = max((part for _, part in parts), key=lambda part: len(part.intervals))
     if len(parts) == 1:
         return model

@@ -1,4 +1,4 @@
-"""The figure of `simgrab estimate`: where the grab was, how far it swung, and when."""
+"""The figure of `simgrab estimate`: positions of the grab, and the swing over time."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def draw(measured: EstimatedRecord) -> Figure:
 
 
 def check(path: Path) -> None:
-    """Refuse, before anything is estimated, a figure that could not be written; raises `RecordError`."""
+    """Refuse a figure that cannot be written, before anything is estimated; raises `RecordError`."""
     if path.suffix.lower() not in ENDINGS:
-        raise RecordError(f"{path}: a figure's name must end in one of {', '.join(ENDINGS)}")
+        raise RecordError(f"{path}: the figure's name must end in one of {', '.join(ENDINGS)}")
     check_file(path, RecordError, "--figure")
 
 

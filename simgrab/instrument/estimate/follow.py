@@ -27,20 +27,20 @@ LEVEL = 0.95
 
 
 class Known(Checked, frozen=True):
-    """What a calibration leaves for the frames to come; ``tilt.toml`` of a run.
+    """The result of a calibration that later frames need; ``tilt.toml`` of a run.
 
     Attributes
     ----------
     estimator : str
-        Which found it.
+        Estimator that found the tilt.
     frames : int
-        In how many frames.
+        Number of frames used.
     beta_deg, tilt_azimuth_deg : float
     offset_m : tuple of 3 floats, or None
-        Camera centre minus rope exit; None where the estimator knows nothing of it, and takes the camera to be there.
+        Camera centre minus rope exit; None if the estimator ignores it, and takes the camera to be at the rope exit.
     covariance : list of lists
-        As `simgrab.model.records.estimates.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², so wide that normal
-        quantiles do.
+        As `simgrab.model.records.estimates.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², widened so that normal
+        quantiles apply.
     """
 
     error = CalibrationError
@@ -65,9 +65,9 @@ class Known(Checked, frozen=True):
 
 
 def known(estimate: Estimate) -> Known:
-    """Keep of an estimate what frames to come need: its tilt, its offset, and how sure it is of them.
+    """Keep the parts of an estimate that later frames need: tilt, offset, and their covariance.
 
-    Blocks count where there are enough of them, and frames otherwise.
+    The covariance is by blocks if there are enough of them, and by frames otherwise.
     """
     assert estimate.beta is not None
     assert estimate.tilt_azimuth is not None
@@ -87,7 +87,7 @@ def known(estimate: Estimate) -> Known:
 
 
 def _of_beta(estimate: Estimate) -> Array:
-    """Covariance of gravity from the interval of β alone, as wide across the tilt; the offset is taken as it is."""
+    """Covariance of gravity from the interval of β alone, equal across the tilt; the offset is taken as exact."""
     ends = next((i.beta for i in estimate.intervals if i.beta is not None), None)
     sd = 0.0 if ends is None else float(ends[1] - ends[0]) / (2 * float(iv.student(LEVEL, np.inf)))
     return np.diag([sd**2, sd**2, *([] if estimate.offset is None else [0.0, 0.0])])
@@ -116,7 +116,7 @@ def follow(
         Grab centre as the picture has it; NaN where it was not found.
     calibration : Calibration
     rope_length : array_like, shape (n,), optional
-        \|OA\|, m; needed where the tilt comes with an offset.
+        \|OA\|, m; required if the tilt comes with an offset.
     pixel_sd : array_like, shape (n,), optional
         Standard deviation of each pixel coordinate, px.
 
@@ -125,12 +125,12 @@ def follow(
     alpha : ndarray, shape (n,)
         NaN where there is no pixel.
     ends : ndarray, shape (n, 2)
-        Of its 95 % intervals.
+        Ends of its 95 % intervals.
 
     Raises
     ------
     RecordError
-        For wrong shapes and rope lengths that cannot be.
+        For wrong shapes and impossible rope lengths.
     """
     uv, rope, _, sd = check_record(np.asarray(pixels, float)[None], rope_length, None, False, pixel_sd)
     covariance = np.array(tilt.covariance)[None]

@@ -1,8 +1,8 @@
-"""What an estimator works on: rays in the mount frame, one array per record.
+"""The input of estimators: rays in the mount frame, one array per record.
 
-The *mount frame* is the jib frame as it would be if the camera hung straight: the picture turned by the nominal roll
-and looked at from above, z along the optical axis and pointing back at the camera. Tilting the camera by β towards
-an azimuth turns it into the jib frame, so gravity, seen in it, is ``(−sinβ cos az, −sinβ sin az, −cosβ)``.
+The *mount frame* equals the jib frame if the camera hangs straight. Its z points back along the optical axis at the
+camera; x and y are those of the picture, turned by the nominal roll. Tilting the camera by β towards an azimuth turns
+it into the jib frame, so gravity, seen in it, is ``(−sinβ cos az, −sinβ sin az, −cosβ)``.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Frames:
         return np.asarray(np.nanmedian(np.where(self.present, values, np.nan), axis=-1))
 
     def places(self) -> tuple[NDArray[np.bool_], Array]:
-        """Whether each frame of the only record is there (n,), and its ray's x and y over the depth (n, 2), else 0."""
+        """Presence of each frame of the only record (n,), and its ray's x and y over the depth (n, 2), else 0."""
         seen = np.ones(self.rays.shape[-1], bool) if self.present is None else self.present[0]
         return seen, (self.rays[0, :2] / np.where(seen, -self.rays[0, 2], 1.0)).T
 
@@ -79,7 +79,7 @@ class Frames:
 
 
 def interpolated(at: NDArray[Any], time: NDArray[Any], values: Array) -> Array:
-    """Values (n, k) at increasing times (n,), on lines between them, at others (m,): shape (m, k)."""
+    """Interpolate values (n, k) at increasing times (n,) linearly at other times (m,): shape (m, k)."""
     return np.stack([np.interp(at, time, column) for column in values.T], axis=-1)
 
 
@@ -95,7 +95,7 @@ def check_record(
     ordered: bool,
     pixel_sd: ArrayLike | None = None,
 ) -> tuple[Array, Array | None, Array | None, Array | None]:
-    """Shapes and values of a batch; raises `RecordError` with the row.
+    """Check shapes and values of a batch; raises `RecordError` with the row.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def groups(
     calibration: Calibration,
     pixel_sd: Array | None = None,
 ) -> Iterator[Frames]:
-    """Rays of checked pixels (M, n, 2), as the picture has them, a few records at a time."""
+    """Yield rays of checked pixels (M, n, 2), as the picture has them, a few records at a time."""
     m, n = pixels.shape[:2]
     step = max(1, FRAMES_AT_ONCE // max(n, 1))
     for some in (slice(first, first + step) for first in range(0, max(m, 1), step)):
@@ -180,7 +180,7 @@ def tilt_of(down: ArrayLike) -> tuple[Array, Array]:
 
 
 def tangent_basis(beta: Array, azimuth: Array) -> Array:
-    """Rows: where gravity moves as β grows and as the azimuth does, and gravity; shape (..., 3, 3), mount frame."""
+    """Return rows (..., 3, 3), mount frame: where gravity moves as β grows, where as the azimuth grows, and gravity."""
     s, c = np.sin(azimuth), np.cos(azimuth)
     along = np.stack([-np.cos(beta) * c, -np.cos(beta) * s, np.sin(beta)], axis=-1)
     across = np.stack([s, -c, np.zeros_like(s)], axis=-1)

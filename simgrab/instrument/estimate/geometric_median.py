@@ -1,4 +1,4 @@
-"""Gravity is the direction from which the rays lie least far away."""
+"""Gravity as the direction of least mean angle to the rays."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class GeometricMedian(FrameEstimator):
     smoothing : float
         ε over the mean angle.
     tolerance : float
-        Step at which the iteration ends, rad.
+        The iteration ends at a step below this, rad.
     max_iterations : int
     """
 
@@ -57,7 +57,7 @@ class GeometricMedian(FrameEstimator):
         )
 
     def _minimise(self, frames: Frames, start: Array, epsilon: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Newton steps, halved until the gradient shrinks: that it does for short ones is what convexity gives."""
+        """Newton steps, halved until the gradient shrinks; by convexity it does for short steps."""
         down, base, iterations = start.copy(), start.copy(), np.zeros(len(start), np.int64)
         step, scale, size = np.zeros_like(start), np.ones(len(start)), np.full(len(start), np.inf)
         active = np.ones(len(start), bool)
@@ -108,11 +108,10 @@ def _derivatives(frames: Frames, down: Array, epsilon: Array) -> tuple[Array, Ar
 
 
 def _influence(frames: Frames, beta: Array, azimuth: Array, epsilon: Array) -> tuple[Array, Array]:
-    """Influence (M, 2, n), and the slope (M, 2, 2) by which it was divided: the Hessian over the standard error itself.
+    """Influence (M, 2, n), and the slope (M, 2, 2) that divides it: the Hessian smoothed over the standard error.
 
     E[1/α] is infinite under a singular density, so the Hessian at a point does not predict the slope over the
-    distance by which the estimate errs. Brown & Wang (2005) smooth at that distance, found here by two rounds of
-    substitution.
+    estimate's error. Brown & Wang (2005) smooth at that distance, found here by two rounds of substitution.
     """
     basis = tangent_basis(beta, azimuth)
     down = basis[:, 2]
@@ -130,10 +129,10 @@ def _influence(frames: Frames, beta: Array, azimuth: Array, epsilon: Array) -> t
 def _reach(
     frames: Frames, beta: Array, azimuth: Array, epsilon: Array, slope: Array, covariance: Array, quantile: Array
 ) -> tuple[Array, Array]:
-    """How far β may lie below and above: until the mean pull back exceeds its quantile (a score interval).
+    """How far β may lie below and above: up to where the mean pull back exceeds its quantile (a score interval).
 
-    Near a singular density the pull grows faster than any slope measured at the estimate, which would be too wide an
-    interval.
+    Near a singular density the pull grows faster than any slope at the estimate predicts; such a slope would give too
+    wide an interval.
     """
     score = slope @ covariance @ slope
     limit = quantile * np.sqrt(score[:, 0, 0])

@@ -11,9 +11,9 @@ from simgrab.model.geometry import Array
 def swing_by_width(m_px: ArrayLike, width_px: ArrayLike, rope_length: ArrayLike, width_m: float = 2.9) -> Array:
     """α̃ = arcsin(m·b/(x·l)), which x·l·cosα = h·b and tanα = m/h give for β = 0 (section 4.6).
 
-    It knows nothing of the tilt. For a camera at the rope exit it is, up to the width's own error, the angle ψ of
+    It does not use the tilt. For a camera at the rope exit it is, up to the width's own error, the angle ψ of
     the ray from the optical axis, so that |ψ − α̂| ≤ β̂ holds by the triangle inequality for any β̂, right or wrong:
-    a check that cannot fail.
+    this check cannot fail.
 
     Parameters
     ----------

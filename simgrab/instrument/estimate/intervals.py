@@ -1,8 +1,8 @@
-"""Intervals from influences: what each frame, or each block of seconds, did to the estimate.
+"""Intervals from influences, the effect of each frame, or of each block of seconds, on the estimate.
 
 An estimate that solves Σ ψ(frame; θ) = 0 errs by the mean of its frames' influences, so the scatter of the
-influences is its variance (the sandwich; Huber 1967). Frames of one swing are far from independent: then only sums
-over blocks are, and there are so few blocks that the quantiles have to be Student's.
+influences is its variance (the sandwich; Huber 1967). Frames of one swing are far from independent: then only sums over
+blocks are independent, and there are so few blocks that Student's quantiles are needed.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ from simgrab.model.geometry import Array
 
 @dataclass(frozen=True)
 class IntervalSettings:
-    """How intervals are made.
+    """Settings of intervals.
 
     Attributes
     ----------
     level : float
         Nominal coverage.
     block_s : float
-        Least length of a block, s. The energy of a swing forgets itself in about 70 s with 1 % damping and 240 s with
-        0.3 %, and blocks must be several times as long.
+        Least length of a block, s. The energy of a swing decorrelates in about 70 s with 1 % damping and 240 s with 0.3
+        %; blocks must be several times as long.
     min_blocks, max_blocks : int
-        Fewer blocks than the least give no interval; longer records get longer blocks rather than more than the most.
+        With fewer blocks than the minimum there is no interval. Long records get longer blocks instead of more than the
+        maximum.
     pixel_sd_px : float
         Noise of each pixel coordinate, inseparable from swing in frames alone; it widens the intervals of α. 0 takes
-        the pixels at their word.
+        the pixels as exact.
     """
 
     level: float = 0.95
@@ -62,12 +63,12 @@ def block_of(time: Array, settings: IntervalSettings) -> tuple[NDArray[np.int64]
 
 
 def too_few(blocks: int, settings: IntervalSettings) -> str:
-    """Say why there is no interval by blocks."""
+    """Return why there is no interval by blocks."""
     return f"too few blocks: {blocks} of at least {settings.block_s:g} s, where {settings.min_blocks} are needed"
 
 
 def block_covariance(influence: Array, count: Array, block: NDArray[np.int64], blocks: int) -> Array:
-    """Covariance (M, p, p) of estimates with influences (M, p, n), only blocks of frames being independent."""
+    """Covariance (M, p, p) of estimates with influences (M, p, n), if only blocks of frames are independent."""
     order = np.argsort(block, kind="stable")
     starts = np.searchsorted(block[order], np.arange(blocks))
     ordered = influence if np.all(order[1:] > order[:-1]) else influence[..., order]
@@ -81,11 +82,11 @@ def student(level: float, degrees: Array | float) -> Array:
 
 
 def radial(value: Array, var_along: Array, var_across: Array, quantile: Array) -> Array:
-    """Interval, shape (..., 2), of a distance on the sphere of which the far end is uncertain.
+    """Interval, shape (..., 2), of a distance on the sphere whose far end is uncertain.
 
     The distance cannot be negative, and an error across it only lengthens it. Far from 0 this is the ordinary interval.
-    It reaches down to 0 from the length that a two-dimensional Gaussian about 0 exceeds once in twenty,
-    (1.96² + 2.15)^½ = 2.45 standard deviations, and from 0 it reaches up to as much.
+    Its lower end is 0 below (1.96² + 2.15)^½ = 2.45 standard deviations, the length that a two-dimensional Gaussian
+    about 0 exceeds once in twenty. For a distance of 0 its upper end is the same length.
     """
     reach, wider = quantile * np.sqrt(var_along), 0.56 * quantile**2 * var_across
     ends = np.empty((*value.shape, 2))
@@ -111,8 +112,8 @@ def skewness(influence: Array) -> Array:
 def of_scale(sigma: Array, var_sigma2: Array, skewness: Array, quantile: Array) -> Array:
     """Interval, shape (..., 2), of σ from the variance and the skewness of σ̂².
 
-    Without skewness it is Gaussian in log σ². Otherwise Hall's (1992) cubic transformation takes out what the
-    skewness does to Student's statistic, of which a mean of squares under a heavy tail has plenty.
+    Without skewness it is Gaussian in log σ². Otherwise Hall's (1992) cubic transformation removes the effect of
+    skewness on Student's statistic. A mean of squares is very skewed under a heavy tail.
     """
     k, by_log = np.where(np.abs(skewness) < 1e-3, 1.0, skewness), np.abs(skewness) < 1e-3
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # of a grab that all but rests

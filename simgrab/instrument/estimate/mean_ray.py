@@ -1,4 +1,4 @@
-"""Gravity is where the rays point on average."""
+"""Gravity as the mean direction of the rays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from simgrab.model.geometry import Array
 class MeanRay(FrameEstimator):
     """Spherical mean of the rays: the most likely direction of von Mises–Fisher rays (Mardia & Jupp 2000, 10.3.1).
 
-    Right whenever the swing has no preferred side. The paper's iteration is, to small angles, this mean projected on
+    Unbiased if the swing has no preferred side. The paper's iteration is, to small angles, this mean projected on
     its 0-degree line. Diagnostics: ``kappa``, the concentration by Banerjee et al. (2005), eq. 4.4.
     """
 

@@ -1,4 +1,4 @@
-"""One record from file to figure: what `simgrab estimate` does."""
+"""Estimate one record, from file to figure: the work of `simgrab estimate`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LEAST_TILT = np.deg2rad(0.1)
 
 @dataclass(frozen=True)
 class EstimatedRecord:
-    """A record, the camera it was seen by, what was made of it, and what to beware of, a line each."""
+    """A record, its camera, its estimate, and warnings, a line each."""
 
     record: PixelRecord
     calibration: Calibration
@@ -63,12 +63,12 @@ def estimate(
     Returns
     -------
     Estimate
-        In radians; ``status`` is ``"refused"``, with a ``reason``, where the record does not determine the tilt.
+        In radians; ``status`` is ``"refused"``, with a ``reason``, if the record does not determine the tilt.
 
     Raises
     ------
     RecordError
-        If there is no such estimator, or the arrays are not of these shapes.
+        If there is no such estimator, or the arrays have other shapes.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def measure(
     Raises
     ------
     RecordError, CalibrationError
-        One line with the file and the row or column.
+        With one line that names the file and the row or column.
     """
     kind: Estimator = _kind(estimator)() if imu is None else InertialFusion(imu=read_imu(imu))
     calibration = camera_file.load(camera)
@@ -134,7 +134,7 @@ def measure(
 
 
 def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:
-    """Warn of a stated offset that an estimator without the rope's length takes for tilt."""
+    """Warn that an estimator without the rope's length takes the stated offset for tilt."""
     across = float(np.hypot(*calibration.offset_m[:2]))
     if record.rope_length is None:
         if across == 0:
@@ -153,7 +153,7 @@ def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) ->
 
 
 def as_json(measured: EstimatedRecord) -> dict[str, Any]:
-    """Plain data in degrees, with null for what is not there; every frame's α as well."""
+    """Plain data in degrees, with null for missing values; includes every frame's α."""
     estimate = measured.estimate
     plain = estimate_json(estimate) | {"warnings": list(measured.warnings), "alpha_deg": _degrees(estimate.alpha)}
     plain["intervals"] = [_interval(i) | {"alpha_deg": _degrees(i.alpha)} for i in estimate.intervals]
@@ -205,5 +205,5 @@ def _degrees(value: float | Array | None) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Turn arrays into lists, and what is not finite into None."""
+    """Turn arrays into lists, and values that are not finite into None."""
     return msgspec.json.decode(msgspec.json.encode(value, enc_hook=lambda array: array.tolist()))

@@ -1,4 +1,4 @@
-"""Base of the estimators that fit a model of the motion to one record, and so state a posterior."""
+"""Base of the estimators that fit a model of the motion to one record, and therefore state a posterior."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from simgrab.model.records.estimates import Estimates, Intervals
 
 @dataclass(frozen=True)
 class EstimatedMotion:
-    """What a model of the motion finds in one record of n frames.
+    """Result of fitting a model of the motion to one record of n frames.
 
     Attributes
     ----------
     beta, azimuth : float
     tilt_variance : tuple of 2 ndarrays, shape ()
-        Of gravity along and across the tilt, rad².
+        Variance of gravity along and across the tilt, rad².
     swing : ndarray, shape (n, 2)
         Horizontal part of the unit direction OA.
     covariance : ndarray, shape (n, 2, 2)
-        Of the swing.
+        Covariance of the swing.
     sigma2_variance : float
-        Of σ².
+        Variance of σ².
     offset : ndarray, shape (3,)
     diagnostics : mapping of str to float
     sigma_across : float
         Variance across σ, which only lengthens it.
     stretch_variance : ndarray, shape (n,), or float
-        Of α, from what scales all swings.
+        Variance of α due to parameters that scale all swings.
     """
 
     beta: float

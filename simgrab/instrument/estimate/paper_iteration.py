@@ -34,9 +34,9 @@ class PaperIteration(FrameEstimator):
         The 0-degree line C'G': by the paper's rule, the line through C' for which the circular median of θ is 0; or
         given, as in the paper's simulation.
     axis_direction : float
-        Of C'G' in the picture, clockwise from its x axis, rad; for ``axis="known"``.
+        Direction of C'G' in the picture, clockwise from its x axis, rad; for ``axis="known"``.
     start : float or "mean-ray"
-        β⁽⁰⁾, rad; the repaired variant starts at the tilt of the mean ray, from where the domain is not left.
+        β⁽⁰⁾, rad; the repaired variant starts at the tilt of the mean ray, where (est-3) stays defined.
     epsilon : float
         The paper's 1e-6, absolute, for β (rad) and σ² (rad²).
     max_iterations : int
@@ -185,9 +185,9 @@ def circular_median(angles: ArrayLike) -> float:
     Returns
     -------
     float
-        In [0, 2π). Half of the angles lie to either side of the line through it, and most on its own half of the
-        circle. For an even number it is midway between the two middle angles. Over [0, 2π) as a mere interval a
-        median would depend on where the circle is cut.
+        In [0, 2π). Half of the angles lie on either side of the diameter through it, and more than half within 90° of
+        it. For an even number it is midway between the two middle angles. A median over [0, 2π) as an interval would
+        depend on where the circle is cut.
     """
     t = np.sort(np.asarray(angles, float) % (2 * np.pi))
     n = len(t)

@@ -1,12 +1,12 @@
-"""A spherical pendulum of changing length, as the smoothers see it: its motion, and its place in the picture.
+"""A spherical pendulum of changing length: its motion, and its place in the picture. The smoothers use it.
 
 s is the horizontal part of the unit vector n from O to A. p is the angular momentum per mass about O, turned so that
-p = l²ṡ for small swings, over a fixed length squared. Since gravity's moment about O is n × g⃗ l whatever the rope does,
-``ṗ = −g l s`` holds at every amplitude, and the rate of l, which a display in centimetres does not give, appears
-nowhere. a is the slow part of the forcing, wind and the jib's own acceleration over g: where the pendulum would come to
-rest. It forgets itself exponentially.
+p = l²ṡ for small swings, over a fixed length squared. Since gravity's moment about O is n × g⃗ l for any motion of the
+rope, ``ṗ = −g l s`` holds at every amplitude. The rate of l, which a display in centimetres does not give, is not
+needed. a is the slow part of the forcing, wind and the jib's own acceleration over g: the place where the pendulum
+would come to rest. Its correlation decays exponentially.
 
-`PendulumSmoother` has states ``(s_x, s_y, p_x, p_y, a_x, a_y)`` in the jib frame, of which this module has the model;
+`PendulumSmoother` has states ``(s_x, s_y, p_x, p_y, a_x, a_y)`` in the jib frame, whose model is in this module;
 `simgrab.instrument.estimate.inertial.model` puts the same pendulum below a camera that turns and accelerates.
 """
 
@@ -67,7 +67,7 @@ class Links:
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Moments at which there is a state: the frames of a record, and those put into longer steps; k in all.
+    """The k moments with a state: the frames of a record, and moments inserted into longer steps.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Nodes:
         x and y of the grab over its depth, mount frame; 0 where nothing was seen.
     seen : ndarray of bool, shape (k,)
     frame : ndarray of int, shape (n,)
-        Node of each frame.
+        Index of each frame's node.
     first : ndarray of bool, shape (k,)
         Whether the step to the node is not bridged.
     """
@@ -90,7 +90,7 @@ class Nodes:
 
     @classmethod
     def of(cls, record: Frames, some: slice, cut: float = np.inf) -> Nodes:
-        """Take some frames of a single record; longer steps than `NODE_S` are divided, up to ``cut``, s."""
+        """Make nodes of some frames of a single record; steps from `NODE_S` to ``cut``, s, are divided."""
         assert record.time is not None
         assert record.rope_length is not None
         time, rope, (seen, place) = record.time[some], record.rope_length[0, some], record.places()
@@ -106,7 +106,7 @@ class Nodes:
 
 
 def of_axes(block: Array, first: int, size: int) -> Array:
-    """Put a matrix (k, m, m) of one horizontal axis for both into states of some size, whose x and y alternate."""
+    """Expand a matrix (k, m, m) of one horizontal axis to both axes of states whose x and y alternate."""
     result = np.zeros((len(block), size, size))
     for axis in (0, 1):
         at = first + axis + 2 * np.arange(block.shape[-1])
@@ -117,7 +117,7 @@ def of_axes(block: Array, first: int, size: int) -> Array:
 def turning(s: Array, p: Array, rope: Array) -> tuple[Array, Array]:
     """ṡ (..., 2) of momenta p = l²ṡ (..., 2), and the vertical part n_z (...) of n.
 
-    The angular momentum is L = (p_y, −p_x, L_z), of which n·L = 0 gives the last; ṅ = L × n / l².
+    The angular momentum is L = (p_y, −p_x, L_z), whose last component follows from n·L = 0; ṅ = L × n / l².
     """
     nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1), 1e-6))
     lz = -(s[..., 0] * p[..., 1] - s[..., 1] * p[..., 0]) / nz
@@ -126,9 +126,10 @@ def turning(s: Array, p: Array, rope: Array) -> tuple[Array, Array]:
 
 
 def seen_from(turn: Array, s: Array, rope: Array, offset: Array) -> Array:
-    """Where a picture of unit focal length shows the grab, (k, 2): x and y of the mount frame over the depth.
+    """Position of the grab in a picture of unit focal length, (k, 2): x and y of the mount frame over the depth.
 
-    ``turn`` (..., 3, 3) is the rotation from the mount frame to that of s (k, 2) and of the camera's offset (..., 3).
+    ``turn`` (..., 3, 3) is the rotation from the mount frame to the frame of s (k, 2) and of the camera's offset (...,
+    3).
     """
     nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1, keepdims=True), 1e-6))
     local = np.einsum("...ji,...j->...i", turn, np.concatenate([s, nz], axis=-1) * rope[:, None] - offset)
@@ -145,7 +146,7 @@ def _rates(x: Array, parameters: Array, rope: Array, length: float) -> Array:
 
 
 def advance(x: Array, parameters: Array, links: Links) -> Array:
-    """States (k, 6) one step on, by Runge and Kutta's fourth-order rule; parameters (7,)."""
+    """Advance states (k, 6) by one step of the fourth-order Runge-Kutta method; parameters (7,)."""
     h = links.step[:, None]
     middle = (links.before + links.after) / 2
     a = _rates(x, parameters, links.before, links.length)
@@ -158,13 +159,13 @@ def advance(x: Array, parameters: Array, links: Links) -> Array:
 
 
 def place(s: Array, parameters: Array, rope: Array) -> Array:
-    """Where the picture has the grab, as `seen_from`, of swings s (k, 2)."""
+    """Position of the grab in the picture, as `seen_from` gives it, for swings s (k, 2)."""
     tilt = parameters[TILT]
     return seen_from(lean(np.hypot(*tilt), np.arctan2(tilt[1], tilt[0])), s, rope, parameters[OFFSET])
 
 
 def derivatives_of_advance(x: Array, parameters: Array, links: Links) -> tuple[Array, Array, Array]:
-    """States one step on (k, 6), and their derivatives by the state (k, 6, 6) and the parameters (k, 6, 7)."""
+    """States after one step (k, 6), and their derivatives by the state (k, 6, 6) and the parameters (k, 6, 7)."""
     by_state = jacobian(lambda e: advance(x + e, parameters, links), STATE)
     by_parameter = jacobian(lambda e: advance(x, parameters + e, links), PARAMETERS, (DAMPING, STIFFNESS))
     return advance(x, parameters, links), by_state, by_parameter

@@ -1,4 +1,4 @@
-"""Fitting a pendulum to one record: nodes in time, linearisation, and the search for how strongly it is pushed."""
+"""Fit a pendulum to one record: nodes in time, linearisation, and the search for the strengths of the forcing."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class PendulumPriors:
     def locked(self) -> PendulumPriors:
         """Lock the offset's height at its mean.
 
-        It scales the whole path, and a posterior mode over path and scale together shrinks the path: that is cheaper in
-        forcing, as no marginal posterior is.
+        It scales the whole path, and the joint posterior mode of path and scale shrinks the path, because a smaller
+        path needs less forcing. The marginal posterior has no such bias.
         """
         sd = self.sd.copy()
         sd[OFFSET.stop - 1] = 1e-6
@@ -54,7 +54,7 @@ class PendulumPriors:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """A path (k, 6), the static parameters (7,), the strengths (3,), and what is known of them."""
+    """A path (k, 6), the static parameters (7,), the strengths (3,), and their covariances."""
 
     path: Array
     parameters: Array
@@ -66,7 +66,7 @@ class PendulumFit:
 
 
 def first_path(nodes: Nodes, swing: Array) -> Array:
-    """Start from running medians of the swings (n, 2) of the frames seen, bridged in straight lines: a path (k, 6)."""
+    """Make a first path (k, 6) from running medians of the seen swings (n, 2), with straight lines across gaps."""
     seen = nodes.seen[nodes.frame]
     middle = scipy.ndimage.median_filter(swing[seen], (5, 1), mode="nearest")
     s = interpolated(nodes.time, nodes.time[nodes.frame][seen], middle)
@@ -87,7 +87,7 @@ def fit(
     strengths : ndarray, shape (3,)
     priors : PendulumPriors
     searches : int
-        How many steps search at most.
+        Greatest number of steps with a search.
     """
     converged = False
     for done in range(ROUNDS):
@@ -111,7 +111,7 @@ def fit(
 def _linearised(
     nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors
 ) -> tuple[Weighed, Array, Array]:
-    """Linearise the posterior about a path; also the weights of the pixels and their squared errors over the noise."""
+    """Linearise the posterior about a path; also return the pixels' weights and their squared errors over the noise."""
     k = len(path)
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
     links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()))
@@ -142,7 +142,7 @@ def _linearised(
 
 
 def _information(weight: Array, error2: Array) -> float:
-    """Ratio of the pixels' information to that of their weights: (mean ψ′)²/mean ψ², as Huber (1967)."""
+    """Ratio of the pixels' information to the information of their weights: (mean ψ′)²/mean ψ² (Huber 1967)."""
     slope = np.sum(weight - weight**2 * error2 / (DEGREES + 2))
     score = np.sum(weight**2 * error2) / 2
     return float(np.clip(slope**2 / max(score * weight.sum(), 1e-300), 0.1, 1.0))

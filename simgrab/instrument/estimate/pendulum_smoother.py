@@ -1,4 +1,4 @@
-"""The tilt as the centre about which a pendulum swings, which less than one period already shows."""
+"""The tilt as the centre of a pendulum's motion, which less than one period is enough to show."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 class PendulumSmoother(PathEstimator):
     """Extended Kalman filter and Rauch–Tung–Striebel pass, iterated, over a spherical pendulum of changing length.
 
-    Unknown are the path, the tilt, the offset (with the calibration's prior), damping and stiffness (with priors that
-    leave room for a rigid grab), fast and slow forcing, and the noise of the pixels. The strengths of the last three
+    The unknowns are the path, the tilt, the offset (with the calibration's prior), damping and stiffness (with priors
+    wide enough for a rigid grab), fast and slow forcing, and the noise of the pixels. The strengths of the last three
     maximise the likelihood of the record; the rest is at its posterior mode. Pixel errors follow Student's t, so that
     an outlier has little weight.
 
@@ -43,8 +43,8 @@ class PendulumSmoother(PathEstimator):
 
     Notes
     -----
-    Frames without a pixel get an α too. σ is that of this record; only blocks show how well it represents others.
-    Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (slow forcing, rad per axis),
+    Frames without a pixel get an α too. σ describes this record; only its blocks show how well it represents other
+    records. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (slow forcing, rad per axis),
     ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``outliers`` (frames that lost nine tenths of their weight).
     """
 
@@ -71,7 +71,7 @@ class PendulumSmoother(PathEstimator):
         return self._found(nodes, found, focal_px) if found.converged else f"not converged in {ROUNDS} rounds"
 
     def _fit(self, frames: Frames, swing: Array, start: Array, priors: PendulumPriors) -> tuple[Nodes, PendulumFit]:
-        """Fit a thinned record for the strengths where it is long, then the whole one."""
+        """Fit the strengths to a thinned record if it is long, then fit the whole record."""
         assert frames.time is not None
         strengths = np.log([1e-3, 3 / priors.focal_px, 1e-3])
         every = int(THIN_S / np.median(np.diff(frames.time)))

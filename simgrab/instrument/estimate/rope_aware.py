@@ -1,4 +1,4 @@
-"""Tilt and camera offset together, separated by the rope's length."""
+"""Estimate tilt and camera offset together, separated by the rope's length."""
 
 from __future__ import annotations
 
@@ -18,15 +18,14 @@ from simgrab.model.geometry import Array, lean
 class RopeAware(FrameEstimator):
     """Robust regression of the swing's direction on 1 and 1/l, with the calibration's offset as prior.
 
-    A camera beside the rope exit sees a plumb rope under an angle of offset/l, a tilted one under the same angle
-    whatever l is. The estimate is where the mean swing, OA over l, is zero at every rope length; the offset's
-    horizontal part is pulled towards its nominal value as strongly as its standard deviation states, its height is
-    taken as it is.
+    A camera beside the rope exit sees a plumb rope at an angle of offset/l; a tilted camera sees it at the same angle
+    for any l. The estimate makes the mean swing, OA over l, zero at every rope length. The offset's horizontal part has
+    its nominal value and standard deviation as prior; its height is taken as exact.
 
     Attributes
     ----------
     huber : float
-        Swings beyond so many times their typical size per axis (from the median) keep their direction and lose their
+        Swings beyond this multiple of their typical size per axis (from the median) keep their direction with less
         weight.
     tolerance : float
         The iteration ends when its next step would be shorter, rad.
@@ -34,7 +33,7 @@ class RopeAware(FrameEstimator):
 
     Notes
     -----
-    Diagnostics: ``iterations``; ``offset_sd_m``, what is left of the prior's standard deviation.
+    Diagnostics: ``iterations``; ``offset_sd_m``, the offset's remaining standard deviation.
     """
 
     name: ClassVar[str] = "rope-aware"
@@ -70,7 +69,7 @@ class RopeAware(FrameEstimator):
         )
 
     def fit(self, frames: Frames, calibration: Calibration) -> RopeFit:
-        """Alternate between the swings under the present tilt and offset, and the step that centres them."""
+        """Alternate between computing the swings under the present tilt and offset, and the step that centres them."""
         assert frames.rope_length is not None
         nominal, precision = _prior(calibration)
         lever = 1 / frames.rope_length
@@ -107,7 +106,7 @@ class RopeAware(FrameEstimator):
 
 @dataclass(frozen=True)
 class RopeFit:
-    """Where M fits ended.
+    """Results of M fits.
 
     Attributes
     ----------
@@ -115,7 +114,7 @@ class RopeFit:
         Gravity in the mount frame.
     offset : ndarray, shape (M, 3)
     error : ndarray, shape (M,)
-        Length of the step that would have come next, rad.
+        Length of the next step, which was not taken, rad.
     iterations : ndarray of int, shape (M,)
     lever : ndarray, shape (M, n)
         1/l.
@@ -138,16 +137,16 @@ class RopeFit:
 
 @dataclass(frozen=True)
 class _Sums:
-    """Sums over frames that the next step and the sandwich need.
+    """Sums over frames for the next step and for the sandwich.
 
     Attributes
     ----------
     slope : ndarray, shape (M, 3)
-        Of the loss' slope times 1, 1/l and 1/l².
+        Sums of the loss' slope times 1, 1/l and 1/l².
     pull : ndarray, shape (M, 2, 2)
-        Of the weighted swing in jib x and y, times 1 and 1/l.
+        Sums of the weighted swing in jib x and y, times 1 and 1/l.
     unit : ndarray, shape (M,)
-        One frame's variance per axis, on the scale on which the prior is weighed against the frames.
+        One frame's variance per axis, which weighs the prior against the frames.
     """
 
     slope: Array
@@ -166,7 +165,7 @@ class _Sums:
         return _Sums(slope, pull, unit)
 
     def step(self, away: Array, precision: float) -> tuple[Array, Array]:
-        """By how much to turn the rays and shift the camera, horizontally in the jib frame; (M, 2) each."""
+        """Rotation of the rays and horizontal shift of the camera, jib frame; (M, 2) each."""
         prior = self.unit * precision
         a, b, c = self.slope[:, :1], self.slope[:, 1:2], self.slope[:, 2:] + prior[:, None]
         u = -self.pull[..., 0]
@@ -175,19 +174,19 @@ class _Sums:
         return (c * u - b * v) / det, (a * v - b * u) / det
 
     def inverse(self, precision: float) -> Array:
-        """Inverse (M, 2, 2) of what the step was divided by."""
+        """Inverse (M, 2, 2) of the matrix that divides the step."""
         a, b, c = self.slope[:, 0], self.slope[:, 1], self.slope[:, 2] + self.unit * precision
         return np.stack([c, -b, -b, a], -1).reshape(-1, 2, 2) / (a * c - b * b)[:, None, None]
 
     def of_prior(self, precision: float) -> Array:
-        """Covariance (M, 5, 5) of gravity and minus offset, jib x and y, and σ̂², that comes from the prior."""
+        """Prior's part of the covariance (M, 5, 5) of gravity and minus offset, jib x and y, and σ̂²."""
         shares = self.inverse(precision)[:, :, 1] * (self.unit * np.sqrt(precision))[:, None]
         known = np.zeros((len(shares), 5, 5))
         known[:, :4, :4] = np.einsum("mi,mj,ab->miajb", shares, shares, np.eye(2)).reshape(-1, 4, 4)
         return known
 
     def offset_sd(self, precision: float) -> Array:
-        """Give the standard deviation (M,) of the offset per axis, m, once the frames are known."""
+        """Return the posterior standard deviation (M,) of the offset per axis, m."""
         return np.sqrt(self.unit * self.inverse(precision)[:, 1, 1])
 
 
@@ -212,12 +211,12 @@ def _influence(frames: Frames, fit: RopeFit, swing: Array, precision: float) -> 
 
 
 def _prior(calibration: Calibration) -> tuple[Array, float]:
-    """Nominal offset (3,), and the precision of each component, 1/m²; no offset is known to less than a micron."""
+    """Nominal offset (3,), and the precision of each component, 1/m²; at best to a micrometre."""
     return np.asarray(calibration.offset_m, float), 1 / max(calibration.offset_sd_m, 1e-6) ** 2
 
 
 def _of_height(frames: Frames, fit: RopeFit, calibration: Calibration) -> Array:
-    """Covariance (M, 5, 5), as above, of the offset's height, from the fit with the camera a deviation higher."""
+    """Covariance (M, 5, 5), as above, of the offset's height, from a fit with the camera one deviation higher."""
     nominal, precision = _prior(calibration)
     moved = swings(frames, fit.lever, fit.down, fit.offset + (0.0, 0.0, calibration.offset_sd_m))
     sums = _Sums.of(frames, fit.lever, moved, fit.limit, fit.sums.unit)
@@ -247,7 +246,7 @@ def swings(frames: Frames, lever: Array, down: Array, offset: Array) -> Array:
 
 
 def _turned(down: Array, turn: Array) -> Array:
-    """Gravity in the mount frame once the rays are turned by ``turn`` (M, 2) in the jib frame."""
+    """Gravity in the mount frame after turning the rays by ``turn`` (M, 2) in the jib frame."""
     straight = np.concatenate([-turn, -np.ones_like(turn[:, :1])], axis=-1)
     turned = np.einsum("mji,mj->mi", lean(*tilt_of(down)), straight)
     return np.asarray(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
@@ -260,11 +259,11 @@ def along_tilt(swing: Array, azimuth: Array) -> Array:
 
 
 def _along(azimuth: Array) -> Array:
-    """From jib x and y to along and across the tilt, as gravity moves in the mount frame; shape (M, 2, 2)."""
+    """Rotation from jib x and y to the directions along and across the tilt, mount frame; shape (M, 2, 2)."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     return np.stack([-c, -s, s, -c], axis=-1).reshape(-1, 2, 2)
 
 
 def _typical(frames: Frames, swing: Array) -> Array:
-    """Size of the swings per axis, from their median, which of a Rayleigh distribution is √(2 ln 2) of it."""
+    """Size of the swings per axis: their median over √(2 ln 2), the ratio for a Rayleigh distribution."""
     return np.asarray(np.maximum(frames.median(np.sqrt(_squares(swing))), 1e-12) / np.sqrt(2 * np.log(2)))

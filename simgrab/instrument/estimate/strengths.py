@@ -1,4 +1,4 @@
-"""How strongly a pendulum is pushed and how much a detector errs, found from the record itself."""
+"""Estimate the strengths of a pendulum's forcing and of a detector's errors from the record itself."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FAST, NOISE, SLOW = 0, 1, 2
 
 @dataclass(frozen=True)
 class Weighed:
-    """Twice a negative log posterior, but for a constant, of which three parts have unknown strengths v.
+    """Twice a negative log posterior, without a constant. Three of its parts have unknown strengths v.
 
     fixed + e^(−v₀) fast + e^(−2v₁) places + e^(−2v₂) slow.
 
@@ -24,7 +24,7 @@ class Weighed:
     ----------
     fixed, fast, places, slow : Quadratic
     links, seen, leans : int
-        How many steps, pixels, and steps and starts the three parts are sums over.
+        Number of terms in the three parts: steps, pixels, and steps with starts.
     focal_px : float
     least_fast : float
         Least white acceleration.
@@ -46,9 +46,9 @@ class Weighed:
         return self.fixed + self.fast * fast + self.places * noise + self.slow * slow
 
     def search(self, strengths: Array, *, wide: bool) -> Array:
-        """Strengths (3,) that make the record likeliest (Laplace), with a prior as the fourth root of the slow one.
+        """Strengths (3,) of maximum likelihood (Laplace), with a prior as the fourth root of the slow one.
 
-        Without it a short record would set slow forcing to nothing and then be sure of its tilt.
+        Without this prior, a short record would set slow forcing to 0 and state its tilt too precisely.
         """
         low = np.log([self.least_fast, 0.05 / self.focal_px, 1e-5])
         high = np.log([1.0, 50 / self.focal_px, 0.1])

@@ -12,7 +12,7 @@ from simgrab.reports.terminal import cell, stdout
 
 
 def show(estimate: Estimate, console: Console | None = None) -> None:
-    """Print an estimate, or why there is none."""
+    """Print an estimate, or the reason of its refusal."""
     console = console or stdout()
     if not estimate.ok:
         console.print(cell(f"{estimate.estimator}: refused. {estimate.reason}"), soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Records of pixels from a file: CSV or parquet in, arrays out, and errors named by row and column."""
+"""Read records of pixels from CSV or parquet into arrays; errors name row and column."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PixelRecord:
     pixels : ndarray, shape (n, 2)
         Grab centre as the picture has it; NaN where it was not found.
     rope_length : ndarray, shape (n,), or None
-        \|OA\|, m; None where it is neither needed nor there and sound in every row.
+        \|OA\|, m; None if it is not required, and is missing or invalid in any row.
     time : ndarray, shape (n,), or None
         Seconds.
     """
@@ -53,14 +53,14 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
     path : path
         ``.parquet``, or else CSV with a header.
     calibration : Calibration
-        Whose picture the pixels must belong to.
+        Camera in whose picture the pixels must lie.
     rope, time : bool
-        Whether the column is needed. One that is not may be empty, and a rope length wrong.
+        Whether the column is required. An optional column may be empty, and an optional rope length invalid.
 
     Raises
     ------
     RecordError
-        One line with the file and the row (the first is 1) or the column.
+        With one line that names the file and the row (the first is 1) or the column.
     """
     table = _table(Path(path))
     pair = _pixel_columns(path, table.column_names)
@@ -96,7 +96,7 @@ def _pixel_columns(path: str | Path, names: list[str]) -> tuple[str, str]:
     there = [pair for pair in _PIXELS if any(name in names for name in pair)]
     if len(there) > 1:
         one, other = (", ".join(name for name in pair if name in names) for pair in there)
-        raise RecordError(f"{path}: columns {one} and {other} are both there; keep one pair")
+        raise RecordError(f"{path}: columns {one} and {other} are both present; keep only one pair")
     return there[0] if there else _PIXELS[0]
 
 
@@ -120,7 +120,7 @@ def _table(path: Path) -> pa.Table:
 
 
 def _csv(path: Path) -> pa.Table:
-    """Read every column as text, so that a cell that is no number can be named."""
+    """Read every column as text, so that errors can name a cell that is not a number."""
     with opened(path, RecordError, most_bytes=MOST_CSV_BYTES) as file:
         content = file.read().removeprefix(codecs.BOM_UTF8)
     header = content[: MOST_HEADER_BYTES + 1].splitlines()[:1]
@@ -168,7 +168,7 @@ def _check_pixels(path: str | Path, pixels: Array, names: tuple[str, str], calib
     seen = pixels[np.isfinite(pixels).all(axis=-1)]
     if len(seen) > 1 and np.all(np.abs(seen) <= 1.5):
         raise RecordError(
-            f"{path}: columns {', '.join(names)}: all within 1.5 of 0; pixels are needed, not fractions of the picture"
+            f"{path}: columns {', '.join(names)}: all within 1.5 of 0; use pixels, not fractions of the picture"
         )
     outside = (pixels < -_MARGIN * size) | (pixels > (1 + _MARGIN) * size)
     for row, axis in np.argwhere(outside)[:1]:

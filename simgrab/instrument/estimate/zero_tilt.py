@@ -1,4 +1,4 @@
-"""What one gets without correcting the camera."""
+"""The result without correcting the camera's tilt."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from simgrab.model.calibration import Calibration
 
 @dataclass(frozen=True)
 class ZeroTilt(FrameEstimator):
-    """Takes the optical axis for gravity: the simplification of Wu et al. (2020), who hang the camera straight.
+    """Takes the optical axis as gravity, the simplification of Wu et al. (2020), whose camera hangs straight.
 
-    β is 0 by assumption and so has an interval of no width; σ and α carry the tilt as their error.
+    β is 0 by assumption, so its interval has no width; σ and α contain the tilt as error.
     """
 
     name: ClassVar[str] = "zero-tilt"

@@ -1,17 +1,15 @@
-"""Which readings of a record the hoist can have made: no rope gets from one length to another faster than it is wound.
+"""Find the readings of a record that are consistent with the hoist: the rope's length changes no faster than its speed.
 
 Two readings r₁, r₂ at t₁ < t₂ agree where
 
     |r₂ − r₁| ≤ v (t₂ − t₁ + h) + s,
 
-v being the hoist's greatest speed, h how long the display may hold a value, and s its step. The lengths that a display
-shows of a rope wound no faster than v, late by a constant lag and held for at most h, agree in every pair: neither lost
-frames nor the lag can part them.
-
-Readings each of which agrees with the next form a chain. A reading is believed when every longest chain goes through
-it. So a wrong first reading accuses itself and not what follows, and where as much speaks for one reading as for
-another, neither is believed. A wrong stretch that agrees with itself, d off the truth, is found out while it is shorter
-than the hoist would take there and back, 2 ((d − s) / v − h), or half of that at either end of a record: 3 m off, 4 s.
+v being the hoist's greatest speed, h how long the display may hold a value, and s its step. If the rope moves no faster
+than v, and the display lags by a constant time and holds values for at most h, every pair of correct readings agrees,
+even with lost frames. A sequence in which each reading agrees with the next is a chain. A reading is accepted if every
+longest chain contains it. So a wrong first reading excludes itself and not the later ones, and of two equally supported
+readings neither is accepted. A stretch of equal errors d is detected if it is shorter than the hoist's time there and
+back, 2 ((d − s) / v − h), or half of that at either end of a record; for d = 3 m this is 4 s.
 """
 
 from __future__ import annotations
@@ -31,17 +29,17 @@ ROUNDING = 1e-9  # of numbers as stored
 
 @dataclass(frozen=True)
 class Hoist:
-    """What the hoist and its display can do.
+    """Limits of the hoist and its display.
 
     Attributes
     ----------
     speed_m_s : float
         Greatest speed; cranes of this kind hoist 50 to 70 m/min.
     hold_s : float
-        How long the display may hold a value: its refresh period, twice for one that was missed. That is also the slack
-        for time stamps that tremble and a hoist that overshoots its speed while it accelerates.
+        How long the display may hold a value: twice its refresh period, because one refresh may be missed. It also
+        allows for jitter of time stamps, and for a hoist that overshoots its speed while accelerating.
     step_m : float
-        Of the display, which rounds: one unit of its last decimal.
+        Step of the display, which rounds: one unit of its last decimal.
     """
 
     speed_m_s: float = 70 / 60
@@ -58,14 +56,14 @@ class Hoist:
 
 
 def consistent(times: Array, lengths: Array, hoist: Hoist | None = None) -> NDArray[np.bool_]:
-    """Say which readings of a record are believed.
+    """Return which readings of a record are accepted.
 
     Parameters
     ----------
     times : ndarray, shape (n,)
         Seconds, increasing.
     lengths : ndarray, shape (n,)
-        Lengths of the hoist rope, m; NaN where there is no reading, which is not believed.
+        Lengths of the hoist rope, m; NaN where there is no reading; it is not accepted.
     hoist : Hoist, optional
 
     Returns
@@ -103,7 +101,7 @@ def consistent(times: Array, lengths: Array, hoist: Hoist | None = None) -> NDAr
 
 
 def _longest(t: Array, r: Array, hoist: Hoist) -> NDArray[np.int64]:
-    """Length of the longest chain that ends at each reading; O(n · readings within the time of any change at all)."""
+    """Length of the longest chain that ends at each reading; O(n · readings within the time of any change)."""
     longest = np.ones(len(t), np.int64)
     # So long ago anything agrees, and the longest chain up to then will do.
     horizon = max((float(np.ptp(r)) - hoist.step_m) / hoist.speed_m_s - hoist.hold_s, 0.0)
@@ -119,7 +117,7 @@ def _longest(t: Array, r: Array, hoist: Hoist) -> NDArray[np.int64]:
 
 
 def checked(times: Array, readings: Sequence[Reading], hoist: Hoist | None = None) -> tuple[Reading, ...]:
-    """Mark as jumps the readings of a record that are not `consistent`; refusals stay what they are.
+    """Mark as jumps the readings of a record that are not `consistent`; refusals stay unchanged.
 
     Parameters
     ----------

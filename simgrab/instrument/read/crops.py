@@ -1,4 +1,4 @@
-"""Cut the digits out of a picture: one crop a cell, as the net takes them."""
+"""Cut the digits out of a picture: one crop for each cell, as input of the net."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def fitted(picture: Picture, layout: Layout) -> Layout:
     picture : ndarray of uint8, shape (height, width, 3) or (height, width)
         RGB or grey.
     layout : Layout
-        Of the picture's shape; its size may be another.
+        Layout with the picture's aspect ratio; its size may differ.
 
     Raises
     ------
     ReaderError
-        If the picture is none, or of another shape than the layout's.
+        If the array is not a picture, or its aspect ratio differs from the layout's.
     LayoutError
         If the digits would be too small.
     """
@@ -44,8 +44,8 @@ def fitted(picture: Picture, layout: Layout) -> Layout:
     # A scaled stream is off by less than a pixel either way.
     if abs(width * layout.height_px - height * layout.width_px) >= max(layout.width_px, layout.height_px):
         raise ReaderError(
-            f"a picture of {width} x {height} px has another shape than the layout's {layout.width_px} x "
-            f"{layout.height_px}: its digits are elsewhere"
+            f"a picture of {width} x {height} px does not have the aspect ratio of the layout, "
+            f"{layout.width_px} x {layout.height_px} px"
         )
     return layout.scaled(width, height)
 
@@ -68,14 +68,14 @@ def crops(picture: Picture, layout: Layout) -> Crops:
 
 
 def around(cell: Rectangle, more_px: int = 0) -> Rectangle:
-    """Grow a cell by its margin, and by some pixels more."""
+    """Grow a cell by its margin, and by additional pixels."""
     x0, y0, x1, y1 = cell
     dx, dy = round(MARGIN * (x1 - x0)) + more_px, round(MARGIN * (y1 - y0)) + more_px
     return x0 - dx, y0 - dy, x1 + dx, y1 + dy
 
 
 def cut(picture: Picture, box: Rectangle) -> Picture:
-    """Cut a grey box out of a picture; beyond its border the border goes on."""
+    """Cut a grey box out of a picture; border pixels are repeated outside of it."""
     x0, y0, x1, y1 = box
     height, width = picture.shape[:2]
     inside = picture[max(y0, 0) : min(y1, height), max(x0, 0) : min(x1, width)]
@@ -85,6 +85,6 @@ def cut(picture: Picture, box: Rectangle) -> Picture:
 
 
 def entered(grey: Picture) -> Crops:
-    """Shape a grey box, (h, w), into what the net takes, (32, 32)."""
+    """Scale a grey box, (h, w), to the net's input, (32, 32)."""
     small = cv2.resize(grey, (INPUT_PX, INPUT_PX), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.float32) / np.float32(255) - np.float32(0.5)

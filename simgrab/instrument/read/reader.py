@@ -1,4 +1,4 @@
-"""The reader: LeNet-5 over the digits' cells, which refuses what it is not sure of."""
+"""The reader: LeNet-5 on the digits' cells. It refuses uncertain digits."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ class Reader:
     """Reads the display's rope lengths with a net in an ONNX file.
 
     The net is LeNet-5 (LeCun, Bottou, Bengio & Haffner, 1998, section II.B) with rectifiers, maxima for S2 and S4,
-    every map of S2 feeding every one of C3, and a softmax over ten digits and "no digit". One net reads all cells and
-    does not get which, so that it cannot learn what lengths are likely.
+    every map of S2 feeding every one of C3, and a softmax over ten digits and "no digit". One net reads all cells
+    without their position, so that it cannot learn which lengths are likely.
 
     Parameters
     ----------
     model : path
-        As `simgrab train reader` writes it.
+        File that `simgrab train reader` wrote.
     threads : int
-        Of the runtime; eight digits are too little work for more than one.
+        Threads of the runtime; eight digits are too little work for more than one.
 
     Attributes
     ----------
     threshold : float
-        A digit of less confidence is refused; from the file.
+        A digit with less confidence is refused; read from the file.
 
     Raises
     ------
     ReaderError
-        If the file is no reader.
+        If the file is not a reader.
 
     Examples
     --------
@@ -79,15 +79,15 @@ class Reader:
         picture : ndarray of uint8, shape (height, width, 3) or (height, width)
             RGB or grey.
         layout : Layout
-            Where the digits are, e.g. a calibration's ``digit_layout``, which must state one; fitted to the picture
-            where that is another size of the same shape.
+            Where the digits are, e.g. a calibration's ``digit_layout``, which must state one. It is scaled to a picture
+            of another size with the same aspect ratio.
         display_constant_m : float
-            |OA| minus the hoist rope's length on the display; the calibration's.
+            |OA| minus the hoist rope's length on the display, from the calibration.
 
         Raises
         ------
         ReaderError, LayoutError
-            If the picture is none, or the layout's digits lie elsewhere.
+            If the array is not a picture, or the layout does not fit it.
         """
         if layout is None:
             raise ReaderError("no digit layout: the camera TOML states no display to read")
@@ -103,7 +103,7 @@ class Reader:
 
 
 def reading(probabilities: Crops, layout: Layout, threshold: float, display_constant_m: float = 0.0) -> Reading:
-    """Compose a reading of the probabilities, shape (8, 11), of a layout's cells.
+    """Compose a reading from the probabilities, shape (8, 11), of a layout's cells.
 
     |OA| follows from the hoist rope alone: doubt about a digit of the closing rope does not refuse it.
     """

@@ -1,1 +1,1 @@
-"""From a video to angles and alarms."""
+"""Runs: from a video to angles and alarms."""

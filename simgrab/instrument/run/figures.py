@@ -17,7 +17,7 @@ def _axis(run: Run) -> tuple[Array, str]:
 
 
 def trace(run: Run) -> Figure:
-    """Draw α over time with its intervals, the alarms as bands, and at the foot what stood in the way of an α."""
+    """Draw α over time with its intervals, alarms as bands, and at the foot the reasons for frames without α."""
     figure = Figure(figsize=(12, 4.2), layout="constrained")
     axes = figure.subplots()
     at, label = _axis(run)
@@ -59,7 +59,7 @@ def plane(run: Run) -> Figure:
 
 
 def histogram(run: Run) -> Figure:
-    """Draw how often which swing was measured."""
+    """Draw the histogram of measured swings."""
     figure = Figure(figsize=(7.2, 3.6), layout="constrained")
     axes = figure.subplots()
     alpha = np.rad2deg(run.alpha[np.isfinite(run.alpha)])
@@ -71,7 +71,7 @@ def histogram(run: Run) -> Figure:
 
 
 def rope(run: Run) -> Figure:
-    """Draw the rope's length, and where it was not read."""
+    """Draw the rope's length, and the frames in which it was not read."""
     figure = Figure(figsize=(12, 2.8), layout="constrained")
     axes = figure.subplots()
     at, label = _axis(run)

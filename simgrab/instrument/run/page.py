@@ -34,6 +34,6 @@ def page(run: Run, stills: Mapping[int, bytes]) -> str:
 
 
 def _reasons(run: Run) -> list[tuple[str, str, int]]:
-    """Count statuses and reasons; numbers within a reason are of one frame and left out."""
+    """Count statuses and reasons; numbers within a reason are left out, because they concern one frame."""
     counted = Counter((m.status, re.sub(r"\d", "#", m.reason)) for m in run.measurements if m.status != "ok")
     return [(*key, count) for key, count in counted.most_common(20)]

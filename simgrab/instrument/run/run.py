@@ -1,4 +1,4 @@
-"""From a video to angles and alarms: what `simgrab run` does."""
+"""From a video to angles and alarms: the work of `simgrab run`."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is made.
+    """Options of a run.
 
     Attributes
     ----------
     live : bool
-        Angles come as the frames do, the tilt being estimated again and again. A stream is always live.
+        Whether to compute angles as frames arrive, with a tilt that is estimated repeatedly. A stream is always live.
     video : bool
         Whether to write the annotated video.
     rate_hz : float or None
-        Of pictures in a folder, or of a video without time stamps.
+        Frame rate of pictures in a folder, or of a video without time stamps.
     rule : Rule
-        Of the alarm.
+        Rule of the alarm.
     """
 
     live: bool = False
@@ -62,16 +62,16 @@ def run(
     options: RunOptions | None = None,
     progress: Progress | None = None,
 ) -> Run:
-    """Measure a source, and write the results into a new folder where one is given.
+    """Measure a source, and write the results into a new folder if one is given.
 
     Parameters
     ----------
     source : str or path
         As `simgrab.instrument.source.open_source` takes it.
     camera : path or Calibration, optional
-        Camera TOML; that beside or in the source unless given.
+        Camera TOML; by default the one beside or in the source.
     out : path, optional
-        Is made once everything is there: tables, alarms, annotated video, report. Nothing is written without it.
+        Folder, made once tables, alarms, annotated video and report are complete. Without it nothing is written.
     instrument : Instrument, optional
         simgrab's own pipeline unless given.
     options : RunOptions, optional
@@ -81,7 +81,7 @@ def run(
     Raises
     ------
     SourceError, CalibrationError, DetectorError, ReaderError, InstrumentError, RecordError, RunError
-        In one line what is wrong; then nothing lies at ``out``.
+        With one line that states the problem; ``out`` is then not made.
     """
     options = options or RunOptions()
     if out is not None:
@@ -97,7 +97,7 @@ def run(
         and instrument.estimator is not None
         and instrument.estimator.needs_imu
     ):
-        raise RunError("an inertial sensor's readings are a recording, and a stream has no time in common with them")
+        raise RunError("a stream cannot be used with the recorded readings of an inertial sensor: their times differ")
     if out is None:
         return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened)
     with runs.making(Path(out)) as folder:
@@ -128,11 +128,11 @@ def measure(
     SourceError
         If there is no frame, or the pictures are not of this camera.
     InstrumentError
-        If the instrument breaks its contract, or raises.
+        If the instrument breaks its contract, or raises an error.
     RecordError
-        If it raises this: it cannot use the record.
+        If the instrument raises it, because it cannot use the record.
     RunError
-        If it does not give one measurement a frame.
+        If the number of measurements differs from the number of frames.
     """
     instrument = checked(instrument)
     notes = _Notes()
@@ -147,7 +147,7 @@ def measure(
         measured = tuple(instrument(passed, calibration))
     seconds = time.perf_counter() - begun
     if not notes.names:
-        raise SourceError(f"{source}: it holds no frame")
+        raise SourceError(f"{source}: it contains no frames")
     if len(measured) != len(notes.names):
         raise RunError(f"{len(measured)} measurements of {len(notes.names)} frames; one for each frame is required")
     speed = {"frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds}
@@ -158,9 +158,9 @@ def _whole(
     source: Source, calibration: Calibration, instrument: Instrument, options: RunOptions, folder: Path | None,
     progress: Progress | None,
 ) -> tuple[Run, OverlayVideo]:  # fmt: skip
-    """Measure, and go through the source again for the annotated video: it must give the same frames.
+    """Measure, then read the source again for the annotated video; it must give the same frames.
 
-    The angles that are drawn are known once the whole record is measured, and its pictures are too many to keep.
+    The drawn angles are known only after the whole record is measured, and its pictures are too many to keep.
     """
     frames = _counted(source, progress)
     found = measure(frames, calibration, instrument, source=source.name, rule=options.rule)
@@ -197,7 +197,7 @@ def _live(
             if not measured:
                 raise
     if not measured:
-        raise SourceError(f"{source.name}: it held no frame")
+        raise SourceError(f"{source.name}: it contains no frames")
     seconds = time.perf_counter() - begun
     speed = {
         "frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds,
@@ -208,7 +208,7 @@ def _live(
 
 
 class _Notes:
-    """Times, names and notes of frames that have passed; never their pictures."""
+    """Times, names and notes of past frames, without their pictures."""
 
     def __init__(self) -> None:
         self.times: list[float | None] = []
@@ -224,7 +224,7 @@ class _Notes:
             yield frame
 
     def check_against(self, run: Run) -> None:
-        """Refuse frames that are not those of a run."""
+        """Refuse frames that differ from those of a run."""
         times = [None] * len(run.names) if run.time is None else run.time.tolist()
         first, here = list(zip(times, run.names, strict=True)), list(zip(self.times, self.names, strict=True))
         if first == here:
@@ -237,7 +237,7 @@ class _Notes:
 
 
 def _named(run: Run, source: Source) -> Run:
-    """Add to a dataset's run what it is known by."""
+    """Add the dataset's identity to a run on it."""
     if not (isinstance(source, PictureFiles) and source.labels_sha256):
         return run
     return replace(run, about=run.about | {"labels_sha256": source.labels_sha256})

@@ -1,4 +1,4 @@
-"""What a run found, as a value and as a folder."""
+"""Results of a run, as a value and as a folder."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class _Counts(msgspec.Struct, frozen=True):
 
 
 class Facts(msgspec.Struct, frozen=True):
-    """What is read again of ``run.json``."""
+    """The part of ``run.json`` that `load` reads."""
 
     instrument: str
     source: str
@@ -73,7 +73,7 @@ class Facts(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What an instrument made of a source.
+    """Result of an instrument for a source.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Run:
     time : ndarray, shape (n,), or None
         Seconds; None for independent frames.
     names : tuple of n str
-        Of the pictures' files; empty in a video.
+        Names of the pictures' files; empty in a video.
     measurements : tuple of n Measurement
     events : tuple of Event
         Alarms.
@@ -102,7 +102,7 @@ class Run:
 
     @property
     def failure(self) -> str | None:
-        """Why the run measured nothing, in one line; None where at least one frame has an angle."""
+        """Why the run measured nothing, in one line; None if at least one frame has an angle."""
         counts = Counter(m.status for m in self.measurements)
         if "ok" in counts:
             return None
@@ -198,7 +198,7 @@ def _event(plain: dict[str, Any]) -> dict[str, Any]:
 
 
 def _sheet(found: pa.Table) -> pa.Table:
-    """Make a table fit for a spreadsheet, which might take text for a formula."""
+    """Make a table safe for a spreadsheet, which might take text as a formula."""
     for i, field in enumerate(found.schema):
         if pa.types.is_string(field.type):
             texts = [None if text is None else cell(text) for text in found.column(i).to_pylist()]
@@ -207,7 +207,7 @@ def _sheet(found: pa.Table) -> pa.Table:
 
 
 def save(run: Run, folder: Path) -> None:
-    """Write a run's tables into a folder that is there."""
+    """Write a run's tables into an existing folder."""
     found = table(run)
     parquet.write(found, folder / TABLE, compression="zstd")
     with (folder / SHEET).open("wb") as file:
@@ -227,11 +227,11 @@ def load(path: str | Path) -> Run:
     Raises
     ------
     RunError
-        If it is none.
+        If the folder is not a run.
     """
     path = Path(path)
     if not path.is_dir():
-        raise RunError(f"{path}: not a run of simgrab, which is a folder")
+        raise RunError(f"{path}: not a run of simgrab: a run is a folder")
     if not os.path.lexists(path / TABLE):
         raise RunError(f"{path}: not a run of simgrab: it has no {TABLE}")
     plain = parquet.rows(parquet.read_table(path / TABLE, RunError), RunError, cannot(path / TABLE))
@@ -253,12 +253,12 @@ def load(path: str | Path) -> Run:
 
 @contextmanager
 def making(out: Path) -> Iterator[Path]:
-    """Give a hidden folder that takes the name ``out`` once everything in it is written.
+    """Yield a hidden folder that is renamed to ``out`` once everything in it is written.
 
     Raises
     ------
     RunError
-        If something lies in the way, or nothing can be written there.
+        If the path is taken, or cannot be written.
     """
     check_new_folder(out, RunError)
     try:
@@ -266,12 +266,12 @@ def making(out: Path) -> Iterator[Path]:
             yield draft
     except OSError as problem:
         if os.path.lexists(out):
-            raise RunError(f"{out} was written meanwhile, by another run; choose another --out") from None
+            raise RunError(f"{out} was written by another run in the meantime; choose another --out") from None
         raise RunError(f"cannot write {out}: {problem.strerror or problem}") from None
 
 
 def write(path: Path, text: str) -> None:
-    """Write a text file under its name once it is whole.
+    """Write a text file; it appears complete or not at all.
 
     Raises
     ------

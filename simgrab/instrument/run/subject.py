@@ -1,4 +1,4 @@
-"""The pipeline under test: found by name, checked against the contract, and its failures reported in one line."""
+"""The instrument under test: found by name, checked against the contract, with failures reported in one line."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def open_instrument(name: str) -> Instrument:
     Raises
     ------
     InstrumentError
-        In one line what failed, and where.
+        With one line that states what failed, and where.
     """
     module, colon, factory = name.partition(":")
     if name != BUNDLED and not (module and colon and factory):
@@ -53,7 +53,7 @@ def open_instrument(name: str) -> Instrument:
 def checked(instrument: Any, what: str = "instrument") -> Pipeline | CheckedInstrument:
     """Check an instrument against the contract.
 
-    Whatever goes wrong in it is an `InstrumentError`, except for a `RecordError`, which it raises by contract.
+    Any failure in it becomes an `InstrumentError`, except a `RecordError`, which the contract allows.
     """
     if isinstance(instrument, Pipeline | CheckedInstrument):
         return instrument
@@ -68,13 +68,13 @@ def checked(instrument: Any, what: str = "instrument") -> Pipeline | CheckedInst
 
 @dataclass(frozen=True)
 class CheckedInstrument:
-    """Somebody's instrument, whose measurements are checked before they are used."""
+    """A user's instrument, whose measurements are checked before they are used."""
 
     name: str
     instrument: Instrument
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
-        """Measure a record; numbers of NumPy's are taken for plain ones."""
+        """Measure a record; NumPy's numbers are converted to plain ones."""
         passing = _Passing(self.name, frames)
         given: list[object] = []
         with one_line(self.name, passing=RecordError):
@@ -91,7 +91,7 @@ class CheckedInstrument:
         return tuple(self._plain(i, one) for i, one in enumerate(given))
 
     def check_inputs(self, sensors: Collection[str], *, display: bool) -> None:  # noqa: ARG002
-        """Refuse sensors for an instrument that takes none; see `Pipeline.check_inputs`."""
+        """Refuse sensors if the instrument does not take any; see `Pipeline.check_inputs`."""
         if sensors:
             self._taking_sensors()
 
@@ -124,8 +124,8 @@ class CheckedInstrument:
 class _Passing:
     """Frames on their way to an instrument, counted.
 
-    One that measures without asking for frames, perhaps for ever, is stopped at their end all the same: they are taken
-    in its place. The few latest of them it may still ask for.
+    An instrument that yields measurements without requesting frames, perhaps endlessly, is stopped at the end of the
+    frames, because they are counted in its place. It may still request the few latest ones.
     """
 
     def __init__(self, name: str, frames: Iterable[Frame]) -> None:
@@ -147,7 +147,7 @@ class _Passing:
             return frame
 
     def reach(self, count: int | None) -> bool:
-        """Go on until there were so many frames; False if there are no more. None stands for all."""
+        """Advance to this number of frames; False if there are no more. None advances to the end."""
         with self._lock:
             while count is None or self._count < count:
                 try:

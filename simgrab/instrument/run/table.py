@@ -1,4 +1,4 @@
-"""A run in figures: what it holds, and the paper's table of its own video beside it."""
+"""A run in figures: a summary, and the paper's table for the paper's video."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PUBLISHED = ("3699", "2.530", "2.664", "over 95 %", "10.010")
 
 
 def beside_paper(run: Run) -> list[Row]:
-    """Put the paper's table beside what its method, and the run's own, make of the same frames."""
+    """Compare the paper's table with the results of its method, and of the run's own, on the same frames."""
     paper, own = PaperIteration().estimate(run.pixels, run.calibration), run.about["estimate"] or {}
     beta_deg = None if paper.beta is None else float(np.rad2deg(paper.beta))
     again = _figures(np.empty(0) if paper.alpha is None else paper.alpha, beta_deg)
@@ -33,7 +33,7 @@ def beside_paper(run: Run) -> list[Row]:
 
 
 def measured(run: Run) -> list[tuple[str, str]]:
-    """Give the run's own tilt and swing; empty where there is none."""
+    """Return the run's own tilt and swing; empty if there is none."""
     return _figures(run.alpha, (run.about["tilt"] or {}).get("beta_deg"))
 
 
@@ -54,7 +54,7 @@ def _figures(alpha: Array, beta_deg: float | None) -> list[tuple[str, str]]:
 
 
 def held(run: Run) -> list[tuple[str, str]]:
-    """Tell what a run holds: frames by status, readings, alarms, speed."""
+    """Summarise a run: frames by status, readings, alarms, speed."""
     n, speed = len(run.measurements), run.about["speed"]
     read = sum(m.rope_status == "read" for m in run.measurements)
     asked = sum(bool(m.rope_status) for m in run.measurements)
@@ -78,7 +78,7 @@ def held(run: Run) -> list[tuple[str, str]]:
 
 
 def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, str]]:
-    """Tell what the intervals of a whole record take for independent."""
+    """State what the intervals of a whole record assume to be independent."""
     stated = {i["kind"]: i for i in estimate["intervals"] if i["beta_deg"] is not None}
     if "posterior" in stated or not stated:
         return []

@@ -33,12 +33,12 @@ _UNTIMED_HZ = 9
 
 
 class OverlayVideo:
-    """Writes annotated pictures as they come, H.264. Use as a context manager.
+    """Writes annotated pictures one by one, H.264. Use as a context manager.
 
     Attributes
     ----------
     stills : dict of int to bytes
-        JPEGs of the largest swing and of every alarm's, by frame.
+        JPEGs of the largest swing, and of the largest swing in every alarm, by frame.
     """
 
     def __init__(self, path: Path | None, rule: Rule) -> None:
@@ -67,7 +67,7 @@ class OverlayVideo:
         return self._album.stills
 
     def add(self, frame: Frame, measured: Measurement) -> None:
-        """Add a frame. In place of a lost one the last picture stays, greyed, with the reason."""
+        """Add a frame. For a lost frame the last picture is shown greyed, with the reason."""
         self._index += 1
         if frame.picture is not None:
             self._last = _shrunken(frame.picture)
@@ -105,7 +105,7 @@ class _Still:
 
 
 class _Album:
-    """Keeps the picture of the largest swing, and of the largest of each stretch that may be an alarm."""
+    """Keeps the picture of the largest swing, and of the largest swing in each stretch that may be an alarm."""
 
     def __init__(self, rule: Rule) -> None:
         self._rule = rule
@@ -184,7 +184,7 @@ def _gauge(drawn: Picture, measured: Measurement, colour: Colour, unit: float) -
 
 
 def _shrunken(picture: Picture) -> Picture:
-    """Bring a picture to at most `WIDEST_PX` and to even sides, which halved colours need."""
+    """Bring a picture to at most `WIDEST_PX` and to even sides, which subsampled colours need."""
     height, width = picture.shape[:2]
     scale = min(WIDEST_PX / width, 1.0)
     size = max(round(width * scale) // 2 * 2, 2), max(round(height * scale) // 2 * 2, 2)

@@ -1,4 +1,4 @@
-"""Are the labels of a dataset true? Every check is recomputed from the files alone."""
+"""Check that the labels of a dataset are true. Every check is recomputed from the files alone."""
 
 from __future__ import annotations
 
@@ -70,19 +70,19 @@ def audit(
     progress : callable, optional
         Called with (proof, frames done, frames in all).
     randomiser, trajectory, effects
-        The functions that the dataset was made with, where there are any; see `simgrab.render`.
+        Functions with which the dataset was made, if any; see `simgrab.render`.
 
     Returns
     -------
     Audit
-        Its ``status`` is ``incomplete`` where no second renderer is installed.
+        Its ``status`` is ``incomplete`` if no second renderer is installed.
 
     Raises
     ------
     DatasetError
         If there is no finished dataset to audit.
     ExtensionError
-        If it was made with other functions than these.
+        If the dataset was made with other functions.
     """
     data = _read(Path(path))
     extensions = Extensions.of(randomiser, trajectory, effects)
@@ -132,7 +132,7 @@ def _read(path: Path) -> _Dataset:
 
 
 def _hanging(recipe: Recipe) -> Callable[[Truth], tuple[Suspension, float]]:
-    """Give for a row how its grab hangs, and the height of its rope ends, m; each variant is drawn once."""
+    """Return how a row's grab hangs, and the height of its rope ends, m; each variant is drawn once."""
     known: dict[int, tuple[Suspension, float]] = {}
 
     def hanging(row: Truth) -> tuple[Suspension, float]:
@@ -187,7 +187,7 @@ def _manifest_proof(data: _Dataset) -> Proof:
 
 
 def _refuse_strangers(found: Findings, data: _Dataset) -> None:
-    """Pictures and labels that no row knows of: a trainer would take them up."""
+    """Refuse pictures and labels without a row: a trainer would use them."""
     stems = {f"{row.split}/{row.frame:06d}" for row in data.rows}
     known = {tables.metadata_name(row.split) for row in data.rows}
     for folder in ("images", "labels", "ids", "depth"):
@@ -208,7 +208,7 @@ def _leaves(key: str, a: Any, b: Any) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _redraw(data: _Dataset, generator: FrameGenerator, tick: Iterator[None]) -> list[Proof]:
-    """Make every frame again from the scenario and compare labels, pictures, masks and exports."""
+    """Render every frame again from the scenario, and compare labels, pictures, masks and exports."""
     labels, pictures, exports = Findings(), Findings(), Findings()
     fingerprint = generator.scene(0).renderer.fingerprint
     same = data.manifest["renderer"].get("fingerprint") == fingerprint.digest

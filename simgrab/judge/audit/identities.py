@@ -1,4 +1,4 @@
-"""Do the numbers of a label row agree? Checked with formulas and libraries other than those that made them."""
+"""Check that the numbers of a label row agree, with other formulas and libraries than those that made them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 def paper_identities(rows: Sequence[Truth]) -> Proof:
     """Check eqs (1) and (2) of the paper for every row.
 
-    They speak of the swing as seen from the camera. With offset 0 that is α, γ themselves; with an offset it is the
-    direction from the camera to A, taken from the stored poses.
+    The equations use the swing as seen from the camera. Without an offset this is α and γ; with an offset it is the
+    direction from the camera to A, computed from the stored poses.
     """
     found, worst = Findings(), 0.0
     for row in rows:
@@ -59,7 +59,8 @@ def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, fl
     ----------
     rows : sequence of Truth
     hanging : callable
-        Gives for a row how its grab hangs, and the height of its rope ends in its frame, m; one body unless given.
+        Returns how a row's grab hangs, and the height of its rope ends in the grab's frame, m; by default grab and
+        ropes are one body.
     """
     found, worst = Findings(), 0.0
     for row in rows:
@@ -82,7 +83,7 @@ def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, fl
 
 
 def _grab_attitude(row: Truth, along: Rotation, suspension: Suspension, end_height: float) -> Rotation:
-    """Attitude that a grab has: ``along`` OA, or as the ropes hold it, or about a stored axis that is free."""
+    """Attitude of a grab: ``along`` OA, as the ropes hold it, or about a stored free axis."""
     stored = _pose(row.jib_from_grab)
     match suspension:
         case OneBody():

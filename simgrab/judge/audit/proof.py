@@ -1,4 +1,4 @@
-"""What an audit found: proofs, each passed, failed with its findings, or not made."""
+"""Results of an audit: proofs, each passed, failed with its findings, or not made."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Finding:
     where : str
         Frame and column (``frame 12, gamma_deg``), file, or manifest field.
     what : str
-        What was found, and what should be there.
+        The value found, and the expected value.
     """
 
     where: str
@@ -32,13 +32,13 @@ class Proof:
     ----------
     claim : str
     checked : int
-        Number of things compared; 0 with no findings means that the proof was not made.
+        Number of comparisons; 0 without findings means that the proof was not made.
     findings : tuple of Finding
         Empty when the claim holds.
     note : str
-        Why it was not made, or by how much it holds.
+        Why the proof was not made, or with what margin it holds.
     renderer : str
-        The second renderer that made it, with its version; empty where none did.
+        The second renderer used, with its version; empty if none was used.
     """
 
     claim: str

@@ -1,4 +1,4 @@
-"""Is the grab where its labels say? A second renderer renders it alone, from the stored poses."""
+"""Check the grab's position: a second renderer renders the grab alone, from the stored poses."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Difference:
-    """How far two silhouettes are apart.
+    """Difference of two silhouettes.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Difference:
         The largest distance between edges of their boxes; infinite where one is empty.
     iou : float
     centroid_px : float
-        The larger of both coordinates' distances.
+        Distance of the centroids: the larger one of the two coordinates.
     """
 
     edge_px: float
@@ -62,7 +62,7 @@ class Difference:
         return cls(float(edge), iou, float(np.abs(_centroid(a, window) - _centroid(b, window)).max()))
 
     def worst(self, other: Difference) -> Difference:
-        """Take the worse value of each."""
+        """Combine two differences: the larger value of each field."""
         return Difference(
             max(self.edge_px, other.edge_px), min(self.iou, other.iou), max(self.centroid_px, other.centroid_px)
         )
@@ -81,7 +81,7 @@ def compare(rows: Sequence[Truth], generator: FrameGenerator, tick: Iterable[Non
     ----------
     rows : sequence of Truth
     generator : FrameGenerator
-        Of the dataset's scenario; its shapes are rendered, and MuJoCo's silhouettes come from it.
+        Generator of the dataset's scenario; its shapes are rendered, and MuJoCo's silhouettes come from it.
     tick : iterable
         Advanced once a row.
     """
@@ -102,7 +102,7 @@ def compare(rows: Sequence[Truth], generator: FrameGenerator, tick: Iterable[Non
 
 
 def grab_shapes(generator: FrameGenerator, frame: int) -> Shapes:
-    """Vertices and faces of all that the grab of a frame's variant may show."""
+    """Vertices and faces of all shapes that the grab of a frame's variant may show."""
     meshes = generator.scene(frame).world.plan.shapes
     return {name: (np.array(m.vertices), np.array(m.faces)) for name, m in meshes.items()}
 

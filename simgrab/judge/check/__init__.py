@@ -1,1 +1,1 @@
-"""A gate for CI: render, measure, evaluate, and compare with what is accepted and with what was recorded."""
+"""A gate for CI: render, measure, evaluate, and compare with limits and with a recorded baseline."""

@@ -1,11 +1,10 @@
-"""A baseline: what an instrument measured when it was recorded, over several seeds, and how much it may differ.
+"""A baseline: metrics of an instrument, recorded over several seeds, and how much later metrics may differ.
 
-What another seed would give is not computed but seen: the suite is run over R of them. A value under yet another seed
-lies within t s √(1 + 1/R) of their mean, s being their standard deviation and t Student's quantile with R − 1 degrees
-of freedom (a prediction interval, exact for normal metrics). The chance of falling out on the bad side is shared out
-evenly among all limits of a suite (Bonferroni), so that a sound check fails with `FALSE_FAILURES` at most. On the
-very frames that were recorded chance has no part: there a metric may be worse than it was by its slack and by no
-more.
+The spread over seeds is measured: the suite is run with R seeds. A value under another seed lies within t s √(1 + 1/R)
+of their mean, where s is their standard deviation and t Student's quantile with R − 1 degrees of freedom (a prediction
+interval, exact for normal metrics). The probability of a value beyond its limit is divided evenly among all limits of a
+suite (Bonferroni), so that an unchanged instrument fails with a probability of at most `FALSE_FAILURES`. On the
+recorded frames themselves there is no chance: a metric may be worse by its slack only.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ FALSE_FAILURES = 1e-3  # of a whole check, for an instrument that is what it was
 
 
 class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What was recorded of one scene over R seeds.
+    """Record of one scene over R seeds.
 
     Attributes
     ----------
     digest : str
-        Of the scenario, under the suite's own seed.
+        Digest of the scenario, under the suite's own seed.
     labels : tuple of R str
         Digests of the datasets' labels, and through them of their pictures.
     metrics : dict of str to tuple of R floats or None
@@ -49,14 +48,14 @@ class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What was recorded of a suite.
+    """Record of a suite.
 
     Attributes
     ----------
     suite, instrument : str
         Their names.
     simgrab : str
-        Version that rendered and evaluated, without its last part: that changes no pixel of a bundled scene.
+        Version that rendered and evaluated, without its last part, which changes no pixel of a bundled scene.
     seeds : tuple of R int
     scenes : dict of str to Recorded
     """
@@ -69,12 +68,12 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def version() -> str:
-    """Give the part of simgrab's version that pixels and metrics may change with."""
+    """Return the part of simgrab's version with which pixels and metrics may change."""
     return ".".join(__version__.split(".")[:2])
 
 
 def compose(suite: Suite, instrument: str, seeds: tuple[int, ...], trials: Mapping[str, list[Trial]]) -> Baseline:
-    """Compose a baseline of what was measured of each scene under each seed."""
+    """Compose a baseline from the measurements of each scene under each seed."""
     scenes = {}
     for name, of_scene in trials.items():
         metrics = {key: tuple(one.metrics.get(key) for one in of_scene) for key in suite.limits_of(name)}
@@ -84,12 +83,12 @@ def compose(suite: Suite, instrument: str, seeds: tuple[int, ...], trials: Mappi
 
 
 def load(folder: Path) -> Baseline | None:
-    """Read a baseline; None where nothing is recorded yet.
+    """Read a baseline; None if nothing is recorded yet.
 
     Raises
     ------
     SuiteError
-        If what lies there is none.
+        If the file is not a baseline.
     """
     path = folder / FILE
     if not os.path.lexists(path):
@@ -102,7 +101,7 @@ def _refusal(problem: str) -> SuiteError:
 
 
 def stale(baseline: Baseline, suite: Suite, instrument: str) -> list[str]:
-    """Say why a baseline cannot be compared with: one reason for each thing that it was recorded for and is not."""
+    """Return why a baseline cannot be used: one reason for each property that differs from the recorded one."""
     reasons = []
     for what, then, now in (
         ("suite", baseline.suite, suite.name),
@@ -123,12 +122,12 @@ def stale(baseline: Baseline, suite: Suite, instrument: str) -> list[str]:
 
 
 class Reference(msgspec.Struct, frozen=True):
-    """What a metric is compared with.
+    """Reference value of a metric.
 
     Attributes
     ----------
     value : float
-        Of the same frames, or else the mean over all seeds.
+        Value of the same frames, or else the mean over all seeds.
     allowed : float
         By how much a metric may be worse.
     same_frames : bool
@@ -146,7 +145,7 @@ class Reference(msgspec.Struct, frozen=True):
 
 
 def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, comparisons: int) -> Reference | None:
-    """Find what a metric is compared with; None where nothing was recorded.
+    """Find the reference of a metric; None if nothing was recorded.
 
     Parameters
     ----------
@@ -156,7 +155,7 @@ def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, compar
     labels : str
         Digest of the labels of the dataset that was measured now.
     comparisons : int
-        How many ends of limits share the chance of a false failure.
+        Number of limits' ends that share the probability of a false failure.
     """
     values = recorded.metrics[metric]
     # More than rounding of the very same work by another build of a library.
@@ -173,6 +172,6 @@ def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, compar
 
 
 def ends(suite: Suite) -> int:
-    """Count the ends of all limits of a suite: as many chances of a false failure."""
+    """Count the ends of all limits of a suite; each may fail falsely."""
     limits = [limit for name in suite.scenes for limit in suite.limits_of(name).values()]
     return sum((limit.lower is not None) + (limit.upper is not None) for limit in limits)

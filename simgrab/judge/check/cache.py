@@ -39,8 +39,8 @@ def rendered(
 ) -> Dataset:
     """Find a scenario's dataset in the cache, or render it there.
 
-    A dataset counts as the same while scenario, renderer, packages and the rendering code are the same. One whose
-    pictures are not those of its labels any more is rendered again.
+    A dataset is reused if scenario, renderer, packages and the rendering code are the same. It is rendered again if its
+    pictures no longer match its labels.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def rendered(
     Raises
     ------
     ScenarioError, DatasetError, RendererError
-        As `simgrab.dataset.render.render`.
+        As for `simgrab.dataset.render.render`.
     """
     folder = where / f"{scenario.name}-{_key(scenario)}"
     with ExitStack() as stack:
@@ -73,7 +73,7 @@ def rendered(
 
 
 def _sound(folder: Path) -> bool:
-    """Whether a finished dataset holds the pictures that it was finished with."""
+    """Whether a finished dataset still has its original pictures."""
     try:
         found = datasets.read(folder)
     except DatasetError:
@@ -96,13 +96,13 @@ def _renderer() -> str:
 
 
 def drawing_modules() -> list[Path]:
-    """Modules that pictures and labels depend on."""
+    """Modules on which pictures and labels depend."""
     return sorted(path for place in DRAWING for path in PACKAGE.glob(place))
 
 
 @cache
 def _drawing_code() -> str:
-    """Digest of the modules and assets that pictures and labels depend on."""
+    """Digest of the modules and assets on which pictures and labels depend."""
     assets = [p for p in ASSETS.rglob("*") if p.is_file() and p.relative_to(ASSETS).parts[0] != "weights"]
     total = hashlib.sha256()
     for path in drawing_modules() + sorted(assets):

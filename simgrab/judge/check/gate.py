@@ -1,4 +1,4 @@
-"""Check a suite, and record what it is compared with: what `simgrab check` does."""
+"""Check a suite, and record its baseline: the work of `simgrab check`."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class CheckOptions:
-    """How a suite is checked.
+    """Options of a check.
 
     Attributes
     ----------
     instrument : Instrument, str or None
-        Another than the suite's, or the name of its factory. It is then compared with no baseline but one that is
-        named too.
+        Instrument in place of the suite's, or the name of its factory. It is compared only with a baseline that is
+        given too.
     baseline : Path or None
-        Another folder than the suite's.
+        Folder in place of the suite's.
     seed : int or None
-        Another than the suite's. Golden frames are not compared then.
+        Seed in place of the suite's. Golden frames are then not compared.
     cache : Path
-        Where rendered datasets are kept.
+        Folder of rendered datasets.
     workers : int
         Worker processes.
     cluster : str or None
         Address of a Ray cluster that renders in their place.
     progress : callable or None
-        Called with (what is rendered, frames done, frames in all).
+        Called with (name of the scene, frames done, frames in all).
     """
 
     instrument: Instrument | str | None = None
@@ -61,14 +61,14 @@ class CheckOptions:
 
 
 def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Report:
-    """Show a suite's scenes to an instrument, and judge what it measures.
+    """Let an instrument measure a suite's scenes, and judge the results.
 
-    An instrument that cannot be made, that raises or that breaks the contract fails the check, with one line.
+    The check fails, with one line, if the instrument cannot be made, raises an error or breaks the contract.
 
     Parameters
     ----------
     suite : Suite, str or path
-        Or what `simgrab.judge.check.suite.load` takes.
+        A suite, or what `simgrab.judge.check.suite.load` takes.
     options : CheckOptions, optional
 
     Returns
@@ -78,9 +78,9 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
     Raises
     ------
     SuiteError
-        If the suite or what was recorded of it is broken.
+        If the suite or its baseline is invalid.
     ScenarioError, DatasetError, RendererError
-        If its frames cannot be made.
+        If the suite's frames cannot be made.
     """
     options, suite = options or CheckOptions(), suite if isinstance(suite, Suite) else load(suite)
     check_folder(options.cache, SuiteError, "--cache")
@@ -102,19 +102,20 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     ----------
     suite : Suite
     options : CheckOptions, optional
-        ``seed`` is not for this.
+        ``seed`` may not be set.
     seeds : int, optional
-        How many, from the suite's own on; by default the suite's ``seeds``.
+        Number of seeds, from the suite's own on; by default the suite's ``seeds``.
 
     Returns
     -------
     Report
-        Of the suite's own seed, judged by limits alone. Where the instrument failed under any seed nothing is recorded.
+        Report of the suite's own seed, judged by limits alone. Nothing is recorded if the instrument failed under any
+        seed.
 
     Raises
     ------
     SuiteError, ScenarioError, DatasetError, RendererError
-        As `check`, and where the baseline would be that of another instrument.
+        As for `check`, and if the baseline belongs to another instrument.
     """
     options = options or CheckOptions()
     folder = options.baseline or Path(suite.baseline)
@@ -149,7 +150,7 @@ def _instrument(suite: Suite, options: CheckOptions) -> Instrument:
 
 
 def _foreign(suite: Suite, options: CheckOptions) -> bool:
-    """Whether the baseline that is at hand is not that of the instrument."""
+    """Whether the baseline belongs to another instrument."""
     return options.instrument not in (None, suite.instrument) and options.baseline is None
 
 

@@ -1,10 +1,10 @@
 """Golden frames: pictures that must stay as they were recorded.
 
-With the same renderer, packages and kind of CPU, their files must be the same to the byte. Elsewhere edges and texture
-filters differ a little everywhere, so their likeness is judged tile by tile: the least mean SSIM (Wang, Bovik, Sheikh
-& Simoncelli 2004) of 8 by 8 tiles. Over the whole picture a grab that is gone would hardly be missed. A frame of
-`calm-day` keeps 0.89 with a coarser shadow map and 0.94 without multisampling; with the grab 9 px aside it keeps
-0.12, and with the grab's red and blue swapped 0.60.
+With the same renderer, packages and kind of CPU, their files must be the same to the byte. Otherwise edges and texture
+filters differ a little everywhere, so similarity is judged tile by tile: the least mean SSIM (Wang, Bovik, Sheikh &
+Simoncelli 2004) of 8 by 8 tiles. A mean over the whole picture would hardly change if the grab were missing. A frame of
+`calm-day` keeps 0.89 with a coarser shadow map and 0.94 without multisampling; with the grab 9 px aside it keeps 0.12,
+and with the grab's red and blue swapped 0.60.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ class GoldenPicture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes
     ----------
     file : str
-        Beside the list of them.
+        File beside the list of golden frames.
     sha256 : str
-        Of the file.
+        SHA-256 of the file.
     digest : str
-        Of the scenario.
+        Digest of the scenario.
     drawn_by : str
         Digest of renderer and packages.
     """
@@ -70,12 +70,12 @@ def keep(
 
 
 def load(folder: Path) -> dict[str, GoldenPicture]:
-    """Read the list of golden frames; empty where none was recorded yet.
+    """Read the list of golden frames; empty if none was recorded yet.
 
     Raises
     ------
     SuiteError
-        If what lies there is none.
+        If the file is not such a list.
     """
     path = folder / FILE
     if not os.path.lexists(path):
@@ -96,9 +96,9 @@ def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: floa
     Returns
     -------
     verdict : Verdict
-        Its value is the SSIM of the least like tile; None where the files are the same, or cannot be compared.
+        Its value is the SSIM of the least similar tile; None if the files are the same, or cannot be compared.
     difference : ndarray of uint8, shape (height, 3 width, 3), or None
-        Golden picture, frame, and four times their difference, side by side, RGB; where it failed.
+        Golden picture, frame, and four times their difference, side by side, RGB; only if it failed.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def likeness(a: Picture, b: Picture) -> float:
 def drawn_by(dataset: Dataset) -> str:
     """Digest of the renderer and the packages that made a dataset, and of the vector units of this machine's CPU.
 
-    NumPy takes another path through them on another kind of CPU, and the last bit of light may differ.
+    NumPy computes differently on another kind of CPU, and the last bit of light may differ.
     """
     path = dataset.path / MANIFEST
     made = read_json(path, DatasetError)

@@ -14,7 +14,7 @@ _MEAN = ("mean_px", "se_px", "mean_share")
 
 
 def _numbers(kind: type[msgspec.Struct]) -> list[str]:
-    """Fields of a struct that hold one number, or none."""
+    """Fields of a struct that hold one number or None."""
     hints = get_type_hints(kind)
     return [name for name, hint in hints.items() if hint in (int, float, int | None, float | None)]
 
@@ -39,7 +39,7 @@ _BY_WEATHER = "angle.by_weather."  # and a weather's name, which is the scene's 
 
 
 def unknown(metric: str) -> str:
-    """Say that there is no such metric, and which comes close; empty where there is."""
+    """Return that there is no such metric, and the nearest name; empty if there is one."""
     part, _, name = metric.rpartition(".")
     if metric in NAMES or (part.startswith(_BY_WEATHER) and name in _ERRORS):
         return ""

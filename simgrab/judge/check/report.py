@@ -24,7 +24,7 @@ RESULT, JUNIT, PICTURES = "check.json", "junit.xml", "golden"
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of one scene.
+    """Result of one scene.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class Outcome:
     metrics : mapping of str to float or None
         All of them, judged or not.
     seconds : float
-        Until its frames were there, measured and evaluated.
+        Time, s, until its frames were rendered, measured and evaluated.
     pictures : mapping of str to ndarray of uint8, shape (height, width, 3)
-        Of golden frames that differ, by file name; RGB.
+        Pictures of golden frames that differ, by file name; RGB.
     notes : tuple of str
-        What there was nothing to compare with, and what limits do not catch.
+        Missing references, and errors that the limits do not catch.
     """
 
     verdicts: tuple[Verdict, ...]
@@ -48,14 +48,14 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What a check came to.
+    """Result of a check.
 
     Attributes
     ----------
     suite, instrument : str
     seed : int
     general : tuple of Verdict
-        Of the suite as a whole.
+        Verdicts of the suite as a whole.
     of_suite : tuple of str
         Notes on the suite as a whole: that there is no baseline, or what was recorded.
     scenes : mapping of str to Outcome
@@ -85,7 +85,7 @@ class Report:
 
     @property
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
-        """Of all scenes, by file name."""
+        """Pictures of all scenes, by file name."""
         return {name: picture for scene in self.scenes.values() for name, picture in scene.pictures.items()}
 
 
@@ -123,7 +123,7 @@ def as_junit(report: Report) -> bytes:
 
 
 def _printable(text: str) -> str:
-    """Leave out what XML 1.0 has no place for: an instrument may raise any text."""
+    """Leave out characters that XML 1.0 does not allow: an instrument may raise any text."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 

@@ -1,4 +1,4 @@
-"""A suite: what a pipeline is shown, and what is accepted of it, as strict TOML."""
+"""A suite: the scenes that a pipeline measures, and the limits of its metrics, as strict TOML."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ OWN_KEYS = ("frames", "seed")  # of a scenario, which the suite sets at a place 
 
 
 class Limit(Checked, frozen=True):
-    """What is accepted of one metric. The bounds determine which direction is better; with both, neither is.
+    """Limits of one metric. The bounds determine which direction is better; with both, neither is.
 
     Attributes
     ----------
     lower, upper : float or None
         In the metric's own unit.
     slack : float
-        By so much a metric may always be worse than the baseline.
+        A metric may always be worse than the baseline by this much.
     """
 
     error = SuiteError
@@ -68,13 +68,13 @@ class SuiteScene(Checked, frozen=True):
     scene : str
         A bundled scene, or a scene file beside the suite.
     frames : int or None
-        None for as many as the scene has.
+        Number of frames; None for the scene's own.
     seed : int or None
-        Under the suite's own seed; None for one that is derived from it and the scene's name.
+        Seed of the scene under the suite's own seed; None to derive it from the suite's seed and the scene's name.
     changes : dict
-        Dotted keys of the scenario, over those of the suite.
+        Dotted keys of the scenario; they override the suite's.
     limits : dict of str to Limit
-        By metric, over those of the suite.
+        Limits by metric; they override the suite's.
     golden : tuple of int
         Frames whose pictures must stay as they were recorded.
     """
@@ -90,7 +90,7 @@ class SuiteScene(Checked, frozen=True):
 
 
 class Suite(Checked, frozen=True):
-    """What a pipeline is shown, and what is accepted of it.
+    """The scenes that a pipeline measures, and the limits of its metrics.
 
     Attributes
     ----------
@@ -98,13 +98,13 @@ class Suite(Checked, frozen=True):
     instrument : str
         ``bundled``, or a factory as ``package.module:factory``.
     seed : int
-        From which that of each scene is derived, so that no two scenes share their draws.
+        Seed from which each scene's seed is derived, so that no two scenes share their draws.
     seeds : int
-        Over how many seeds, from `seed` on, a baseline is recorded.
+        Number of seeds, from `seed` on, over which a baseline is recorded.
     baseline : str
-        Folder of what was recorded, beside the suite and by default ``baselines/NAME``; `load` makes it a whole path.
+        Folder of the records, relative to the suite, by default ``baselines/NAME``; `load` makes it a full path.
     least_ssim : float
-        What golden frames must reach in every tile with another renderer (`simgrab.judge.check.golden`).
+        SSIM that every tile of golden frames must reach with another renderer (`simgrab.judge.check.golden`).
     changes, limits : dict
         Of every scene, as in `SuiteScene`.
     scenes : dict of str to SuiteScene
@@ -128,9 +128,7 @@ class Suite(Checked, frozen=True):
             raise ValueError("a suite needs scenes: [scenes.NAME] with scene, frames and limits")
         for name in self.scenes:  # which names files as well
             if not re.fullmatch(r"\w[\w .-]{0,63}", name):
-                raise ValueError(
-                    f"scenes.{printable(name)}: a name has letters, digits, '-', '_', '.' and blanks, 64 at most"
-                )
+                raise ValueError(f"scenes.{printable(name)}: use at most 64 letters, digits, '-', '_', '.' and blanks")
         places = {"limits": self.limits} | {
             f"scenes.{name}.limits": scene.limits for name, scene in self.scenes.items()
         }
@@ -148,14 +146,14 @@ class Suite(Checked, frozen=True):
         Raises
         ------
         SuiteError
-            If there is no such scene, or a change is none.
+            If there is no such scene, or a change is invalid.
         """
         scene = self.scenes[name]
         changes = self.changes | scene.changes
         for key in OWN_KEYS:
             if key in changes:
                 place = f"scenes.{name}.{key}" + (" or at the top of the suite" if key == "seed" else "")
-                raise SuiteError(f"scenes.{name}.changes.{key}: set it as {place}")
+                raise SuiteError(f"scenes.{name}.changes.{key}: set {place} instead")
         seed = self.seed if seed is None else seed
         own = scene.seed if seed == self.seed else None
         changes["seed"] = derive(seed, name) if own is None else own
@@ -170,7 +168,7 @@ class Suite(Checked, frozen=True):
             raise SuiteError(f"scenes.{name}: vary.{varied[0]}: the camera must not vary within a suite; fix its value")
         beyond = [frame for frame in scene.golden if frame >= scenario.frames]
         if beyond:
-            raise SuiteError(f"scenes.{name}.golden: no frame {beyond[0]} among {scenario.frames}")
+            raise SuiteError(f"scenes.{name}.golden: there is no frame {beyond[0]}; the scene has {scenario.frames}")
         return scenario
 
     def digest(self, name: str) -> str:
@@ -184,7 +182,7 @@ def names() -> list[str]:
 
 
 def load(suite: str | Path) -> Suite:
-    """Read a suite, and whether every scene of it can be.
+    """Read a suite, and check that each of its scenes is valid.
 
     Parameters
     ----------
@@ -207,7 +205,7 @@ def load(suite: str | Path) -> Suite:
 
 
 def _placed(suite: Suite, folder: Path) -> Suite:
-    """Find what a suite names beside itself."""
+    """Resolve a path that a suite names relative to itself."""
     placed = {
         name: _with(scene, scene=str(folder / scene.scene)) if (folder / scene.scene).is_file() else scene
         for name, scene in suite.scenes.items()

@@ -1,4 +1,4 @@
-"""One instrument before one dataset: what it measured, as figures, and which limits a constant answer would meet."""
+"""Test one instrument on one dataset: its metrics, and the limits that a constant answer would meet."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ Metrics = Mapping[str, float | None]
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of one scene.
+    """Result of one scene.
 
     Attributes
     ----------
     dataset : Dataset
     metrics : mapping of str to float or None
-        By dotted name; None where there was nothing to count. Empty where the instrument failed.
+        Metrics by dotted name; None if there was nothing to count. Empty if the instrument failed.
     problem : str
-        Why it did.
+        Why the instrument failed.
     """
 
     dataset: Dataset
@@ -62,7 +62,7 @@ def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
     Raises
     ------
     InstrumentError
-        If the instrument fails, or does not keep to the contract.
+        If the instrument fails, or breaks the contract.
     """
     camera = calibration.load(dataset.path / "camera.toml")
     source = open_source(dataset.path)
@@ -73,7 +73,7 @@ def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]:
-    """Name the numbers in nested tables by dotted keys; what is no number is left out.
+    """Name the numbers in nested tables by dotted keys; other values are left out.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]
 
 
 def constant_answer(scene: str, dataset: Dataset, limits: Mapping[str, Limit]) -> str:
-    """Say that a constant answer meets every limit on errors of the angle; empty where none does.
+    """Return a note that a constant answer meets every limit on errors of the angle; empty if none does.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What each metric of a trial comes to: within its limits or not, and no worse than the baseline or worse."""
+"""Judge each metric of a trial by its limits and by the baseline."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ Status = Literal["passed", "failed", "skipped"]
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that was checked.
+    """Result of one check.
 
     Attributes
     ----------
     scene : str
-        Empty where it is of the suite as a whole.
+        Empty for the suite as a whole.
     what : str
         A metric, a golden frame, the instrument, or the baseline.
     status : str
         ``"passed"``, ``"failed"``, or ``"skipped"`` where there was nothing to compare with.
     value : float or None
-        Of the metric.
+        Value of the metric.
     limit : str
-        What is accepted.
+        Text of the limit.
     reference, allowed : float or None
-        Of the baseline, and by how much the metric may be worse.
+        Value of the baseline, and by how much the metric may be worse.
     message : str
         What failed or was skipped, and why.
     """
@@ -50,7 +50,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 def of_trial(
     scene: str, trial: Trial, limits: Mapping[str, Limit], recorded: Baseline | None, comparisons: int
 ) -> list[Verdict]:
-    """Judge a trial by limits, and by a baseline where there is one.
+    """Judge a trial by limits, and by a baseline if there is one.
 
     Parameters
     ----------
@@ -91,5 +91,5 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
 
 
 def _nothing(metric: str) -> str:
-    """Say why there is no value."""
+    """Return why there is no value."""
     return unknown(metric) or "no value: the instrument did not output the field, or the scene has no such data"

@@ -1,4 +1,4 @@
-"""Accuracy of a detector on frames of which boxes alone are known, such as real ones: by video, with intervals."""
+"""Accuracy of a detector on frames whose boxes alone are known, such as real frames: by video, with intervals."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class BoxedCase(Boxes):
 
 
 def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: int = RESAMPLES) -> dict[str, Any]:
-    """Score detections in frames of which boxes alone are known.
+    """Score detections in frames whose boxes alone are known.
 
     Parameters
     ----------
@@ -40,16 +40,16 @@ def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: 
     detections : sequence of Detection
         In the rows' order.
     resamples : int
-        Of videos, for the interval of the precision.
+        Number of resamples of videos, for the interval of the precision.
 
     Returns
     -------
     dict
-        Counts of frames and videos; COCO's ``map50_95`` and ``map50``, each frame giving at most one box, the first
-        with its 95 % interval, of resampled videos (None of fewer than six); ``recall`` at an IoU of 0.5 and
-        ``false_share`` of empty frames, with intervals after Clopper and Pearson, which take frames for independent;
-        ``missed_videos`` and ``false_videos``, in which any grab was missed or any empty frame got a box; and
-        ``by_video``, the counts of each.
+        Counts of frames and videos; COCO's ``map50_95``, with its 95 % interval over resampled videos (None for fewer
+        than six videos), and ``map50``, with at most one box a frame; ``recall`` at an IoU of 0.5 and ``false_share``
+        of empty frames, with intervals after Clopper and Pearson, which assume independent frames; ``missed_videos``
+        and ``false_videos``, the videos with a missed grab and those with a box in an empty frame; and ``by_video``,
+        the counts of each.
     """
     some = [BoxedCase(row, row.box_x0_px is not None, found) for row, found in zip(rows, detections, strict=True)]
     videos: dict[str, list[BoxedCase]] = {}
@@ -75,7 +75,7 @@ def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: 
 
 
 def _resampled(videos: Sequence[Sequence[BoxedCase]], resamples: int) -> tuple[float, float] | None:
-    """95 % interval of the mAP50-95 over videos, by the bootstrap's percentiles; None of fewer than six."""
+    """95 % interval of the mAP50-95 over videos, by the bootstrap's percentiles; None for fewer than six."""
     evaluation, count = matched([case for video in videos for case in video]), len(videos)
     if evaluation is None or count < FEWEST_VIDEOS:
         return None

@@ -1,4 +1,4 @@
-"""The error budget: what each stage adds to the error of α when the stages before it get the truth."""
+"""The error budget: the error of α that each stage adds while the stages before it get the truth."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ ASIDE = (
 
 
 def budget(run: Run, known: Truths) -> dict[str, Any] | None:
-    """Follow the error of α through the stages; all rows are of the same frames, and of the whole record.
+    """Follow the error of α through the stages; all rows use the same frames of the whole record.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def limit(chain: Sequence[Mapping[str, Any]]) -> str:
 
 @dataclass(frozen=True)
 class _Parts:
-    """What can be true or measured, of the n frames of which both are known."""
+    """Inputs that can be true or measured, for the n frames in which both are known."""
 
     some: NDArray[np.bool_]  # of the run's frames
     alpha: Array
@@ -148,7 +148,7 @@ class _Parts:
         )  # fmt: skip
 
     def swing(self, stage: BudgetStage, estimator: Estimator) -> tuple[float | None, Array]:
-        """Tilt in degrees, where there is one, and swings (n,), rad, under a stage; NaN where the estimator refuses."""
+        """Tilt in degrees, if any, and swings (n,), rad, of a stage; NaN if the estimator refuses."""
         pixels, rope, camera = self.centre[stage.centre], self.rope[stage.rope], self.camera[stage.camera]
         if stage.tilt == "true":
             return None, by_pose(self.rows, pixels, rope)
@@ -193,7 +193,7 @@ def _built(row: Row) -> tuple[float, ...]:
 
 
 def true_camera(rows: Sequence[Row], nominal: Calibration) -> Calibration:
-    """Give the camera as it truly is: lens and offset, and the mean roll."""
+    """Return the true camera: lens and offset, and the mean roll."""
     row, roll = rows[0], np.angle(np.mean(np.exp(1j * np.deg2rad([row.roll_deg for row in rows]))))
     return msgspec.structs.replace(
         nominal, focal_length_px=row.fx_px, cx_px=row.cx_px, cy_px=row.cy_px,
@@ -217,7 +217,7 @@ def by_pose(rows: tuple[Row, ...], pixels: Array, rope: Array) -> Array:
 
 
 def steady(rows: tuple[Row, ...], camera: Calibration) -> Known:
-    """Give the best tilt that does not change: towards the mean of gravity as the camera feels it."""
+    """Return the best constant tilt: towards the mean of gravity in the camera's frame."""
     rotations = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)[:, :, :3]
     down = to_camera(np.array([0.0, 0.0, -1.0]), rotations, np.zeros(3)).mean(axis=0)
     beta, azimuth = tilt_of(mount_from_camera(camera) @ down)

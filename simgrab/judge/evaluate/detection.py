@@ -40,12 +40,12 @@ class Boxes:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing at all is seen of the grab. A sliver too small for a label is neither empty nor labelled."""
+        """Whether no part of the grab is visible. A sliver too small for a label is neither empty nor labelled."""
         return self.truth.box_x0_px is None
 
     @property
     def false(self) -> bool:
-        """Whether a box was output of nothing."""
+        """Whether a box was output although no grab is visible."""
         return self.empty and self.detection.found
 
     @property
@@ -67,7 +67,7 @@ class Case(Boxes):
     weather : str
     detection : Detection
     dataset : str
-        Separates its worlds from those of other datasets evaluated with it.
+        Name that separates its worlds from those of other datasets.
     """
 
     truth: Row
@@ -78,7 +78,7 @@ class Case(Boxes):
 
     @property
     def world(self) -> tuple[str, int | None]:
-        """What names its world, whose frames are much alike."""
+        """Key of its world, whose frames are much alike."""
         return self.dataset, self.truth.variant
 
     @property
@@ -93,7 +93,7 @@ class Case(Boxes):
 
     @property
     def half_visible(self) -> bool:
-        """Whether at least half of the grab is seen, by what stands before it and by weather."""
+        """Whether at least half of the grab is visible behind obstacles and weather."""
         return self.truth.visible_fraction >= HALF and self.truth.weather_hidden_fraction <= HALF
 
 
@@ -111,8 +111,8 @@ def score(some: Sequence[Case]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``overall``; ``half_visible``, of frames without a grab and those that show half of it; ``by_weather``; each as
-        `figures` gives. ``by_rope``: centre errors in bins of rope length.
+        ``overall``; ``half_visible``, for frames without a grab and frames that show at least half of it;
+        ``by_weather``; each as `figures` gives. ``by_rope``: centre errors in bins of rope length.
     """
     weathers = sorted({case.weather for case in some})
     return {
@@ -132,12 +132,11 @@ def figures(some: Sequence[Case]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Counts; COCO's ``map50_95`` and ``map50``, each frame giving at most one box; ``recall`` at an IoU of 0.5 and
-        ``false_boxes`` on empty frames with their 95 % intervals after Clopper and Pearson, which take frames for
-        independent; ``labelled_worlds`` and ``empty_worlds``, of which those frames are, ``missed_worlds`` and
-        ``false_worlds``, in which any was missed or got a box; ``longest_miss``, frames in a row of a clip;
-        `centre_errors` of the hits, or where there is a centre and no box; and `coverage` of the hits. None where
-        there is nothing to count.
+        Counts; COCO's ``map50_95`` and ``map50``, with at most one box a frame; ``recall`` at an IoU of 0.5 and
+        ``false_boxes`` on empty frames with their 95 % intervals after Clopper and Pearson, which assume independent
+        frames; ``labelled_worlds`` and ``empty_worlds``, the worlds of those frames; ``missed_worlds`` and
+        ``false_worlds``, those with a miss or a false box; ``longest_miss``, frames in a row of a clip; `centre_errors`
+        of the hits, or of centres without a box; and `coverage` of the hits. None if there is nothing to count.
     """
     labelled = [case for case in some if case.labelled]
     return shares(some) | {
@@ -185,7 +184,7 @@ def average_precision(some: Sequence[Boxes]) -> dict[str, float | None]:
 
 
 def matched(some: Sequence[Boxes]) -> COCOeval | float | None:
-    """Match boxes with the truth, image by image, for COCO's figures; these are None without truth, 0 without boxes."""
+    """Match boxes with the truth, image by image, for COCO's figures; None without truth, 0 without boxes."""
     images = [{"id": i, "width": case.truth.width_px, "height": case.truth.height_px} for i, case in enumerate(some)]
     truth = [
         {"id": i + 1, "image_id": i, "category_id": 1, "iscrowd": 0, "bbox": box, "area": box[2] * box[3]}
@@ -246,7 +245,7 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
         ``median_px`` and ``p95_px`` of the distance, and ``…_of_diagonal`` in shares of the box's diagonal; signed
         means in u, v and radially (away from the principal point) with their standard errors, by worlds (of one world
         alone, by frames); the same means in shares of the width, which is the box's longer side; and ``box_radial_…``:
-        what the centre of a perfect box would be off by.
+        the error of the centre of a perfect box.
     """
     kept = [c for c in hits if c.truth.grab_u_px is not None]
     if not kept:

@@ -1,4 +1,4 @@
-"""A run against the truth, stage by stage: what `simgrab evaluate` does."""
+"""Compare a run with the truth, stage by stage: the work of `simgrab evaluate`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from simgrab.model.records.observations import Detection, Reading
 
 
 def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:
-    """Compare a run with what is known of its frames.
+    """Compare a run with the truth of its frames.
 
     Parameters
     ----------
@@ -34,12 +34,12 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:
     Returns
     -------
     Evaluation
-        A part is None where there is nothing to compare.
+        A part is None if there is nothing to compare.
 
     Raises
     ------
     RunError, DatasetError
-        If either is not what it should be, or they do not belong together.
+        If the run or the truth is invalid, or they do not belong together.
     """
     run = run if isinstance(run, Run) else runs.load(run)
     known = known if isinstance(known, Truths) else truths.of(run, known)
@@ -58,13 +58,13 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:
 
 
 def rule_of(run: Run) -> Rule:
-    """Find the rule that a run's alarms were raised by."""
+    """Find the rule of a run's alarms."""
     rule = run.about["rule"]
     return Rule(rule["raised_at"], rule["frames"], float(np.deg2rad(rule["released_at_deg"])), rule["quiet_s"])
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
-    """Score boxes and centres; None where the instrument outputs neither, though there are frames that it measured."""
+    """Score boxes and centres; None if the instrument measured frames but outputs neither."""
     boxes = any(m.box is not None for m in run.measurements)
     centres = any(m.centre is not None for m in run.measurements)
     if not (boxes or centres or any(m.status == "missed" for m in run.measurements)):
@@ -89,7 +89,7 @@ _OF_BOXES = (
 
 
 def jitter(run: Run, known: Truths) -> float | None:
-    """Root mean square of what the centre's error changes by from a frame to the next, per coordinate and over √2."""
+    """Root mean square of the change of the centre's error from one frame to the next, per coordinate, over √2."""
     change = np.diff(run.pixels - known.centre, axis=0)
     change = change[np.isfinite(change).all(axis=-1)]
     return float(np.sqrt(np.mean(change**2) / 2)) if len(change) else None
@@ -106,7 +106,7 @@ def _detection(m: Measurement) -> Detection:
 
 
 def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
-    """Score readings of the display and lengths; None where the instrument outputs neither.
+    """Score readings of the display and lengths; None if the instrument outputs neither.
 
     If it outputs a text for any frame, a frame without one counts as refused.
     """

@@ -1,4 +1,4 @@
-"""How far counted shares and means of a sample are to be trusted."""
+"""Intervals of counted shares, and standard errors of means."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LEVEL = 0.95
 
 
 def clopper_pearson(count: int, of: int) -> tuple[float, float] | None:
-    """Exact 95 % interval of a share (Clopper & Pearson 1934), of independent trials; None of nothing."""
+    """Exact 95 % interval of a share (Clopper & Pearson 1934), for independent trials; None without trials."""
     if not of:
         return None
     interval = stats.binomtest(count, of).proportion_ci(LEVEL, method="exact")
@@ -21,13 +21,13 @@ def clopper_pearson(count: int, of: int) -> tuple[float, float] | None:
 
 
 def standard_error(values: Array, groups: Sequence[Hashable]) -> float:
-    """Tell the standard error of a mean of values alike within groups, by the groups' sums (Liang & Zeger 1986).
+    """Compute a mean's standard error for values correlated within groups, by their sums (Liang & Zeger 1986).
 
     Parameters
     ----------
     values : ndarray, shape (n,)
     groups : sequence of n hashables
-        Where there is one group alone, its values are taken for independent.
+        Groups of the values. Values of a single group are taken as independent.
     """
     number = {group: i for i, group in enumerate(dict.fromkeys(groups))}
     which = np.array([number[group] for group in groups]) if len(number) > 1 else np.arange(len(values))

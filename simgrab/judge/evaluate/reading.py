@@ -1,4 +1,4 @@
-"""How well rope lengths are read: by digit and by frame, with exact intervals, and every wrong frame by name."""
+"""Accuracy of read rope lengths: by digit and by frame, with exact intervals, and every wrong frame by name."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from simgrab.model.records.observations import Reading
 
 @dataclass(frozen=True)
 class Read:
-    """A frame's display, and what was read of it.
+    """A frame's display, and its reading.
 
     Attributes
     ----------
     frame : str
-        Where it is from.
+        Name of the frame.
     group : str
-        What it is scored with, e.g. its weather.
+        Group in which the frame is scored, e.g. its weather.
     text, below : str
-        What the display shows above and below the row where it tore; the same where it did not.
+        Text of the display above and below the torn row; equal if it did not tear.
     reading : Reading
     """
 
@@ -41,7 +41,7 @@ class Read:
 
     @property
     def wrong(self) -> bool:
-        """Whether a number was read that the display does not show; of a torn one either text's will do."""
+        """Whether a number was read that the display does not show; either text of a torn display is right."""
         pairs = zip(self.reading.text.split(), self.text.split(), self.below.split(), strict=True)
         return self.reading.status != "refused" and any(
             found not in (above, below) for found, above, below in pairs if "?" not in found
@@ -49,7 +49,7 @@ class Read:
 
 
 def share(count: int, of: int) -> Share:
-    """So many of so many, with Clopper and Pearson's exact interval (1934) at 95 %, for independent trials."""
+    """Compute a share with its exact 95 % interval (Clopper & Pearson 1934), for independent trials."""
     return Share(count, of, count / of if of else None, clopper_pearson(count, of) or (0.0, 1.0))
 
 

@@ -1,4 +1,4 @@
-"""How good angles and alarms are, against the truth."""
+"""Errors of angles and alarms."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _SLACK_S = 1.0  # by which an alarm may begin before or end after the event that
 
 
 def errors(estimated: Array, true: Array) -> dict[str, Any]:
-    """Errors of angles (n,), rad, where both are known; in degrees.
+    """Errors, in degrees, of angles (n,), rad, for frames in which both are known.
 
     Returns
     -------
     dict
-        ``frames``; ``bias_deg``, ``rmse_deg``, ``p95_deg`` and ``max_deg`` of the absolute error; None of nothing.
+        ``frames``; ``bias_deg``, ``rmse_deg``, ``p95_deg`` and ``max_deg`` of the absolute error; None without frames.
     """
     off = np.rad2deg(estimated - true)
     off = off[np.isfinite(off)]
@@ -85,11 +85,10 @@ def alarms(
     Returns
     -------
     dict
-        ``events`` of the true swing, how many of them surely are (``sure``), and of these how many were ``missed``;
-        ``reported`` alarms, and how many of them were ``false``; of events that were reported how many found an alarm
-        ``already_on``, raised more than a second before, and of the others the ``delays`` in frames, negative where
-        the alarm came before, and their ``median_delay``; of single frames beyond 10° ``precision`` and ``recall``,
-        of frames that have an angle.
+        ``events`` of the true swing, the number of ``sure`` ones, and how many of these were ``missed``; ``reported``
+        alarms, and how many of them were ``false``; the number of reported events with an alarm ``already_on``, raised
+        more than a second before, and for the others the ``delays`` in frames, negative if the alarm came before, and
+        their ``median_delay``; ``precision`` and ``recall`` of single frames beyond 10°, among frames with an angle.
     """
     real = true_events(times, true, rule)
     sure = [e for e in real if e.alpha > SURELY]
@@ -124,6 +123,6 @@ def _meet(event: Event, alarm: Event) -> bool:
 
 
 def _swings(times: Array, true: Array, alarm: Event) -> bool:
-    """Whether the true swing reaches what may pass for danger while an alarm is on."""
+    """Whether the true swing reaches a level that may count as danger while an alarm is on."""
     during = (times >= alarm.onset_s - _SLACK_S) & (times <= alarm.end_s + _SLACK_S)
     return bool((true[during] >= HARDLY).any())

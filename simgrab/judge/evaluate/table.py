@@ -21,7 +21,7 @@ ERRORS = ("frames", "bias", "RMSE", "95 %", "max")  # degrees
 
 
 def tables(evaluation: Mapping[str, Any]) -> tuple[TextTable, ...]:
-    """Make the tables of what `simgrab.evaluate` gives; parts without a comparison are left out."""
+    """Make the tables of an `Evaluation`; parts without a comparison are left out."""
     parts = (
         _of_detection(evaluation["detection"]),
         _of_reading(evaluation["reading"]),
@@ -128,7 +128,7 @@ def _known(rows: tuple[tuple[str, str], ...]) -> tuple[tuple[str, str], ...]:
 
 
 def _several(*values: Any, digits: int = 3) -> str:
-    """Write numbers in a row; nothing where one is missing."""
+    """Write numbers in a row; empty if one is missing."""
     return "" if None in values else ", ".join(text(value, digits) for value in values)
 
 
@@ -138,10 +138,10 @@ def errors(e: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def text(value: Any, digits: int = 3) -> str:
-    """Write a number; nothing where there is none."""
+    """Write a number; empty for None."""
     return "" if value is None else f"{value:.{digits}f}"
 
 
 def percent(value: Any, digits: int = 1) -> str:
-    """Write a share; nothing where there is none."""
+    """Write a share; empty for None."""
     return "" if value is None else f"{100 * value:.{digits}f} %"

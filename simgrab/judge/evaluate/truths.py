@@ -1,4 +1,4 @@
-"""What is known of a run's frames: rows of a rendered dataset, or of the truth table beside a rendered video."""
+"""The truth of a run's frames: rows of a rendered dataset, or of the truth table beside a rendered video."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class Truths:
     Attributes
     ----------
     rows : tuple of n Row or None
-        None of frames that were never sent.
+        None for frames that were never sent.
     weather : tuple of n str
     least_visible_fraction : float
-        From which on a frame counts as one with a grab.
+        Least visible fraction of a frame that counts as one with a grab.
     """
 
     rows: tuple[Row | None, ...]
@@ -42,7 +42,7 @@ class Truths:
 
     @property
     def alpha(self) -> Array:
-        """True swing, rad, shape (n,); NaN where it is not known or there is no grab."""
+        """True swing, rad, shape (n,); NaN if it is unknown or there is no grab."""
         known = [np.nan if row is None or not row.present else row.alpha_deg for row in self.rows]
         return np.deg2rad(np.array(known, float))
 
@@ -53,7 +53,7 @@ class Truths:
 
     @property
     def centre(self) -> Array:
-        """Grab centre as the picture has it, px, shape (n, 2); NaN where it is not known."""
+        """Grab centre as the picture has it, px, shape (n, 2); NaN if it is unknown."""
         nothing = np.full(2, np.nan)
         return np.array([nothing if row is None else labels.centre(row) for row in self.rows]).reshape(-1, 2)
 
@@ -72,20 +72,20 @@ class Truths:
 
 
 def of(run: Run, known: str | Path) -> Truths:
-    """Find what is known of a run's frames.
+    """Find the truth of a run's frames.
 
     Parameters
     ----------
     run : Run
     known : path
-        The dataset, or for a run on a video that video or its truth table.
+        The dataset; for a run on a video, the video or its truth table.
 
     Raises
     ------
     DatasetError
-        If it is neither.
+        If ``known`` is neither a dataset nor a rendered video.
     RunError
-        If it is not of the run's frames.
+        If ``known`` does not belong to the run's frames.
     """
     path = Path(known)
     found = _of_dataset(run, path) if path.is_dir() else _of_video(run, path.with_suffix(".parquet"))
@@ -116,16 +116,16 @@ def match_names(run: Run, files: Sequence[str], labels_sha256: str, path: Path) 
     ----------
     run : Run
     files : sequence of str
-        Of the dataset, as its labels name them.
+        Picture files of the dataset, as its labels name them.
     labels_sha256 : str
-        Of the dataset's labels.
+        Digest of the dataset's labels.
     path : Path
-        Of the dataset, for the message.
+        Folder of the dataset, for the message.
 
     Returns
     -------
     list of n int or None
-        Index of each frame's file; None where the dataset has none of that name, which all frames have then.
+        Index of each frame's file; None if the dataset has no file of that name; then all frames have None.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def _of_video(run: Run, path: Path) -> Truths:
     except (ValueError, LookupError, TypeError) as problem:
         raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
     if run.time is None:
-        raise RunError(f"{path} is of a video, and the run on {run.source} is of independent frames")
+        raise RunError(f"{path} belongs to a video, but the run on {run.source} has independent frames")
     nearest = _nearest(run.time, stamps)
     rows = tuple(
         table[k] if abs(stamps[k] - t) < _SAME_S and m.status != "lost" else None

@@ -1,4 +1,4 @@
-"""What an evaluation gives, as typed values. A part is None where there is nothing to compare."""
+"""Results of an evaluation, as typed values. A part is None if there is nothing to compare."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Alarms(msgspec.Struct, frozen=True):
 
 
 class DetectionScore(msgspec.Struct, frozen=True):
-    """Boxes and centres; see `simgrab.judge.evaluate.detection.figures`. Of boxes None where only centres are given."""
+    """Boxes and centres; see `simgrab.judge.evaluate.detection.figures`. Boxes' figures are None for centres alone."""
 
     frames: int
     labelled: int
@@ -102,18 +102,21 @@ class Wrong(msgspec.Struct, frozen=True):
 
 
 class GroupScore(msgspec.Struct, frozen=True):
-    """How the displays of a group of frames were read. All but the torn ones' shares are of frames that are whole.
+    """How the displays of a group of frames were read.
+
+    All shares except ``torn_…`` count frames whose display did not tear.
 
     Attributes
     ----------
     group : str
     digits_right, digits_refused : Share
-        Of digits that were read, those that are what the display shows; of all digits.
+        Right digits among digits that were read; refused digits among all.
     frames_right, frames_refused : Share
-        Of frames that were read, those with every number right that was read; of all frames, those of which the hoist
-        rope's number was not read.
+        Frames with every read number right, among frames that were read; frames whose hoist rope was not read, among
+        all.
     torn_right, torn_refused : Share
-        Of torn frames: each number that was read is that above or that below; refused. The rest were read as a mixture.
+        Torn frames whose read numbers each belong to the text above or below; torn frames refused. The rest were read
+        as a mixture.
     wrong : list of Wrong
         Every frame read wrong, torn or whole.
     """
@@ -161,7 +164,7 @@ class Budget(msgspec.Struct, frozen=True):
 
 
 class FrameCounts(msgspec.Struct, frozen=True):
-    """How many frames the run has, of how many the truth is known, and how many have each status."""
+    """Number of frames of the run, of frames with known truth, and of frames with each status."""
 
     all: int
     known: int
@@ -173,7 +176,7 @@ class FrameCounts(msgspec.Struct, frozen=True):
 
 
 class Provenance(msgspec.Struct, frozen=True):
-    """What was measured, and by what."""
+    """Source and instrument of the run."""
 
     source: str
     instrument: str

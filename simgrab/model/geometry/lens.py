@@ -141,7 +141,7 @@ class Intrinsics:
         return self._to_pixels(self._normalised(points_camera))
 
     def project(self, points_camera: ArrayLike) -> Array:
-        """Pixels, as the picture has them, of points (..., 3) in the camera frame; NaN where the lens shows none."""
+        """Pixels, as the picture has them, of points (..., 3) in the camera frame; NaN if not shown."""
         return self._to_pixels(self._bend(self._normalised(points_camera)))
 
     def undistort(self, pixels: ArrayLike) -> Array:

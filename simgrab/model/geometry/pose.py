@@ -13,9 +13,7 @@ from simgrab.model.geometry.rotations import Array, to_camera
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where an inner frame is in an outer one: ``outer_from_inner``, x ↦ R x + t.
-
-    NumPy takes it for its matrix.
+    """Pose of an inner frame in an outer one: ``outer_from_inner``, x ↦ R x + t. NumPy converts it to its matrix.
 
     Attributes
     ----------

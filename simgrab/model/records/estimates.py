@@ -14,7 +14,7 @@ from simgrab.model.geometry import Array
 
 @dataclass(frozen=True)
 class Intervals:
-    """Intervals at one level, by one way of counting what the frames know. Radians; leading axes as in the estimate.
+    """Intervals at one level, under one assumption on the frames' dependence. Radians; leading axes as in the estimate.
 
     Attributes
     ----------
@@ -24,16 +24,16 @@ class Intervals:
     level : float
         Nominal coverage.
     beta, sigma : ndarray, shape (..., 2), or None
-        Lower and upper end; None (NaN within a batch) where none can be given, and then `note` gives the reason.
+        Lower and upper end; None (NaN within a batch) if there is no interval; `note` then gives the reason.
     alpha : ndarray, shape (..., n, 2), or None
-        Of each frame, given the pixel: what the tilt's (and offset's) uncertainty does to α.
+        Interval of α in each frame, given the pixel, from the uncertainty of the tilt (and of the offset).
     blocks : int or None
         How many blocks.
     note : str
-        Why there is none, or what it takes for granted; empty otherwise.
+        Why there is no interval, or what the interval assumes; empty otherwise.
     tilt : ndarray, shape (..., 2, 2) or (..., 4, 4), or None
         Covariance, rad², of gravity along and across the tilt and, where the offset is estimated, of minus its
-        horizontal part in the same two directions, m²; what frames to come need.
+        horizontal part in the same two directions, m². Later frames need it.
     """
 
     kind: str
@@ -55,7 +55,7 @@ def _of_kind(intervals: tuple[Intervals, ...], kind: str) -> Intervals:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What an estimator found in one record of n frames, or why it refused. Radians, metres, jib frame.
+    """Result of an estimator for one record of n frames, or its refusal. Radians, metres, jib frame.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Estimate:
     status : str
         ``"ok"`` or ``"refused"``.
     reason : str
-        Of a refusal; empty when ok.
+        Reason of a refusal; empty when ok.
     frames : int
         How many frames were used; rows without a finite pixel are missing frames.
     beta, tilt_azimuth, sigma : float or None
@@ -97,7 +97,7 @@ class Estimate:
         return self.status == "ok"
 
     def interval(self, kind: str) -> Intervals:
-        """Find the intervals of one kind; raises KeyError naming those there are."""
+        """Find the intervals of one kind; raises KeyError with the valid kinds."""
         return _of_kind(self.intervals, kind)
 
 
@@ -136,7 +136,7 @@ class Estimates:
         return len(self.ok)
 
     def interval(self, kind: str) -> Intervals:
-        """Find the intervals of one kind; raises KeyError naming those there are."""
+        """Find the intervals of one kind; raises KeyError with the valid kinds."""
         return _of_kind(self.intervals, kind)
 
     def __getitem__(self, i: int) -> Estimate:

@@ -1,7 +1,6 @@
-"""The picture files that a finished dataset names, and when each was taken: what may be known of it without its truth.
+"""The picture files of a finished dataset and their times: the part that may be read without the truth.
 
-It is also the one place in which a dataset's ``labels.parquet`` is opened; a row of the whole table is read by naming
-the type of a whole row.
+Only this module opens a dataset's ``labels.parquet``; other modules read whole rows by passing the type of a row.
 """
 
 from __future__ import annotations
@@ -36,9 +35,9 @@ class FrameFile(msgspec.Struct, frozen=True):
         Relative to the dataset.
     clip : int or None
     time_s : float or None
-        Within the clip; None, as ``clip`` is, where frames are independent.
+        Time within the clip; None, like ``clip``, for independent frames.
     image_sha256 : str
-        Of the file.
+        SHA-256 of the file.
     """
 
     frame: _Index
@@ -67,12 +66,12 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 def is_dataset(path: Path) -> bool:
-    """Whether a folder is a dataset, be it unfinished, and not just a folder of pictures.
+    """Whether a folder is a dataset, finished or not, and not just a folder of pictures.
 
     Raises
     ------
     DatasetError
-        If that cannot be determined: the name is too long, or the folder may not be searched.
+        If that cannot be determined, because the name is too long or the folder may not be searched.
     """
     return is_file(path / LABELS, DatasetError) or is_dir(path / ".partial", DatasetError)
 
@@ -83,7 +82,7 @@ def read(path: Path) -> tuple[tuple[FrameFile, ...], str]:
     Raises
     ------
     DatasetError
-        If it is none, is unfinished or empty, or lacks a picture.
+        If the folder is not a dataset, or is unfinished, empty, or lacks a picture.
     """
     rows, _, digest = read_rows(path, FrameFile)
     check_files(path, rows)
@@ -91,13 +90,13 @@ def read(path: Path) -> tuple[tuple[FrameFile, ...], str]:
 
 
 def read_rows(path: Path, kind: type[T]) -> tuple[tuple[T, ...], pa.Schema, str]:
-    """Read ``labels.parquet``, as rows of a type: of its columns those that the type has, unless it forbids others.
+    """Read ``labels.parquet`` as rows of a type. Only the type's columns are read; the type may forbid others.
 
     Returns
     -------
     rows : tuple
     schema : pyarrow.Schema
-        Of the columns that were read.
+        Schema of the columns that were read.
     digest : str
         SHA-256 of the file.
     """
@@ -122,8 +121,8 @@ def read_rows(path: Path, kind: type[T]) -> tuple[tuple[T, ...], pa.Schema, str]
 def check_files(path: Path, rows: Sequence[PictureRow]) -> None:
     """Refuse rows that are out of order, and files that are missing or lie elsewhere.
 
-    A file may be a link that leads out of the dataset where its content is what the labels are of: who knows a
-    file's digest knows the file already.
+    A file may be a link out of the dataset if its digest is that of the labels: whoever knows the digest already knows
+    the file.
     """
     if not rows:
         raise DatasetError(f"{path}: no frames in {LABELS}")
@@ -156,7 +155,7 @@ def _check_order(path: Path, rows: Sequence[PictureRow]) -> None:
 
 
 def picture(file: Path, row: PictureRow) -> NDArray[np.uint8]:
-    """Decode the picture of a row, once its SHA-256 is found to be the labels'.
+    """Decode the picture of a row after checking its SHA-256.
 
     Parameters
     ----------
@@ -188,7 +187,7 @@ def content(file: Path, row: PictureRow) -> bytes:
 
 
 def sound(data: bytes, row: PictureRow, where: object) -> bytes:
-    """Refuse the bytes of a picture file that is not the labels'; ``where`` is what the error line names."""
+    """Refuse the bytes of a picture file if their digest differs from the labels'; the error line names ``where``."""
     if hashlib.sha256(data).hexdigest() != row.image_sha256:
         raise DatasetError(f"{where} does not match the digest in its labels: it was changed or damaged")
     return data

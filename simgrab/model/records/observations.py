@@ -1,4 +1,4 @@
-"""What detectors and readers return for one picture."""
+"""Results of detectors and readers for one picture."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from simgrab.model.geometry import Array
 
 @dataclass(frozen=True)
 class Detection:
-    """What a detector found in one picture, or why it found nothing. Pixels: (0, 0) is the corner of the top-left one.
+    """Result of a detector for one picture, or why it found nothing. Pixels: (0, 0) is the corner of the top-left one.
 
     Attributes
     ----------
     status : str
         ``"found"`` or ``"none"``.
     reason : str
-        Of there being none; empty when found.
+        Why there is no detection; empty if found.
     score : float
-        From 0 to 1; of the best candidate where none was good enough, 0 where there was no candidate.
+        From 0 to 1; the best candidate's score if none was good enough, 0 without candidates.
     box : ndarray, shape (4,), or None
         x0, y0, x1, y1 of the visible grab, within the picture; None unless found.
     centre : ndarray, shape (2,), or None
-        Where the picture has the grab centre A, which is not the centre of the box; None if not output.
+        Position of the grab centre A in the picture, which is not the centre of the box; None if not output.
     yaw : float or None
         Direction of the grab's x axis in the picture at A, clockwise from the picture's x axis, rad, in [0, π): the
-        grab looks alike turned by half a turn.
+        grab looks the same after half a turn.
     box_sd_px : ndarray, shape (4,), or None
     centre_sd_px : ndarray, shape (2,), or None
     yaw_sd : float or None
@@ -50,20 +50,20 @@ class Detection:
 
 @dataclass(frozen=True)
 class Reading:
-    """What a reader made of the rope lengths on the display in one picture, or why it refused.
+    """Result of reading the rope lengths on the display in one picture, or why it was refused.
 
     Attributes
     ----------
     status : str
         ``"read"``, ``"refused"``, or ``"jump"``: read, but the rope cannot have got there since the readings around it.
     reason : str
-        Of a refusal or jump; empty when read.
+        Reason of a refusal or jump; empty when read.
     hoist_text, closing_text : str
         As the display writes them, with ``?`` for a digit that was refused.
     confidence : ndarray, shape (8,)
-        Of each digit, 0 to 1: hoist rope, then closing rope, from left to right.
+        Confidence of each digit, 0 to 1: hoist rope, then closing rope, from left to right.
     hoist_m, closing_m : float or None
-        Lengths on the display; None when refused. That of the closing rope is also None where the hoist rope alone was
+        Lengths on the display; None when refused. The closing rope's length is also None if only the hoist rope was
         read, which is enough for |OA|.
     rope_length_m : float or None
         |OA|: hoist rope plus the display's constant; None unless read.
@@ -80,7 +80,7 @@ class Reading:
 
     @property
     def ok(self) -> bool:
-        """Whether it is to be believed."""
+        """Whether the reading is accepted."""
         return self.status == "read"
 
     @property

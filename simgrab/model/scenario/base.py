@@ -1,4 +1,4 @@
-"""What every table of a scenario is made of."""
+"""Bases of the tables of a scenario."""
 
 from __future__ import annotations
 

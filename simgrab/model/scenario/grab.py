@@ -97,7 +97,7 @@ class Scissors(Shaped, frozen=True, tag="scissors"):
 def check_ropes(ropes: int, drive: str) -> None:
     """Refuse a single rope for jaws that a second one has to close."""
     if drive == "ropes" and ropes == 1:
-        raise ValueError("ropes must be 2 or 4: one cannot hold the grab and close it")
+        raise ValueError("ropes must be 2 or 4: a single rope cannot both hold and close the grab")
 
 
 class Assembled(GrabAppearance, frozen=True, tag="assembled"):
@@ -164,9 +164,9 @@ class Mesh(OfFile, GrabAppearance, frozen=True, kw_only=True, tag="mesh"):
         if sum(map(len, (self.lips_m, *(jaw.lips_m for jaw in self.jaws)))) > 4:
             raise ScenarioError("lips_m", "at most 4 keypoints in all, those of jaws included")
         if len({jaw.node for jaw in self.jaws}) < len(self.jaws):
-            raise ScenarioError("jaws", "two of them have the same node")
+            raise ScenarioError("jaws", "two jaws have the same node")
         if self.jaws and not any(jaw.open_deg for jaw in self.jaws):
-            raise ScenarioError("jaws", "at least one needs open_deg, by which the opening is measured")
+            raise ScenarioError("jaws", "at least one jaw needs open_deg, which measures the opening")
 
 
 Grab = FourRope | Clamshell | OrangePeel | Scissors | Assembled | Mesh

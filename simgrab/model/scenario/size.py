@@ -1,4 +1,4 @@
-"""The same view at another size of picture."""
+"""Resize a scenario's pictures without changing the view."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from simgrab.model.scenario.whole import Scenario, merged
 
 
 def resized(scenario: Scenario, width_px: int, height_px: int) -> Scenario:
-    """Give the scenario whose pictures show the same at another size.
+    """Return the scenario with the same view at another size.
 
     The horizontal field of view stays. Everything in pixels scales with the width: the focal length, the offset of
     the principal point, defocus and chromatic error, and the laws by which these vary; the display's layout is fitted
@@ -28,7 +28,7 @@ def resized(scenario: Scenario, width_px: int, height_px: int) -> Scenario:
     ----------
     scenario : Scenario
     width_px, height_px : int
-        Of the pictures, each from 64 to 4096; a video needs even ones.
+        Size of the pictures, each from 64 to 4096; a video needs even ones.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def resized(scenario: Scenario, width_px: int, height_px: int) -> Scenario:
 
 
 class _Change:
-    """What becomes of each key of a scenario, as plain data."""
+    """Change of each key of a scenario, as plain data."""
 
     def __init__(self, camera: Camera, width_px: int, height_px: int) -> None:
         self._camera = camera

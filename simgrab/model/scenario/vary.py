@@ -1,4 +1,4 @@
-"""Variants: the scenarios that the frames of one with varying factors are made of."""
+"""Variants: the scenarios drawn from one with varying factors, one for each clip."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Variant(msgspec.Struct, frozen=True):
     number : int
         The clip's index, which also keys what is random about the place; 0 where nothing varies.
     scenario : Scenario
-        With every factor at its drawn value, and nothing left that varies.
+        The scenario with every factor at its drawn value; nothing in it varies.
     drawn : dict
         By factor, what was drawn: a number, a value, or its name where the choice names its values.
     """
@@ -56,12 +56,12 @@ def variant(
     scenario : Scenario
     frame : int
     randomiser : callable, optional
-        Takes the scenario as the factors drew it, and returns further keys, dotted, with their values.
+        Takes the drawn scenario, and returns further dotted keys with their values.
 
     Raises
     ------
     ScenarioError
-        If what was drawn cannot be together, naming the key.
+        If the drawn values do not fit together. The message names the key.
     """
     if not scenario.vary and randomiser is None:
         return Variant(0, scenario, {})
@@ -102,7 +102,7 @@ def _laid(scenario: Scenario, change: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _storable(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Give a function's values as a file would have them."""
+    """Return a function's values in the form of a scene file."""
     try:
         return dict(msgspec.to_builtins(without_numpy(values)))
     except TypeError as problem:
@@ -132,7 +132,7 @@ def check(scenario: Scenario) -> None:
     parts = [part for name in scenario.vary for part in name.split(JOINT)]
     for part in parts:
         if parts.count(part) > 1:
-            raise ScenarioError(f"vary.{part}", "varies twice, alone and joined or joined twice; leave out one")
+            raise ScenarioError(f"vary.{part}", "varies twice, alone or joined with other keys; leave out one")
     for key, factor in scenario.vary.items():
         around = _table_around(scenario, key)
         for value in trials(factor, rng):

@@ -1,4 +1,4 @@
-"""One scene, whole, and how scenarios are read, changed and written."""
+"""A complete scene, and how scenarios are read, changed and written."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Scenario(Strict, frozen=True):
             _within("swing.jaw_deg", self.swing.jaw_deg, 0.0, math.inf)
             if self.camera.mount.vibration.rms_deg > 0:
                 raise ScenarioError(
-                    "camera.mount.vibration", 'independent frames have no time; swing.model = "dynamic"'
+                    "camera.mount.vibration", 'independent frames have no time; set swing.model = "dynamic"'
                 )
         else:
             self._check_duration(self.swing)
@@ -98,7 +98,7 @@ class Scenario(Strict, frozen=True):
                 "shutter", f"{self.shutter.open_s:g} s is longer than a frame at {self.clip.frame_rate_hz:g} Hz"
             )
         if isinstance(self.place, Photo) and self.light.floodlights > 0:
-            raise ScenarioError("light.floodlights", 'must be 0 with place.model = "photo", which holds its own light')
+            raise ScenarioError("light.floodlights", 'must be 0 with place.model = "photo", which has its own light')
         self._check_display()
         self._check_sensors()
         for key in self.vary:
@@ -114,7 +114,7 @@ class Scenario(Strict, frozen=True):
         if days > MOST_DAYS:
             raise ScenarioError(
                 "frames",
-                f"{self.frames} of them, and swing.settle_s before each clip, take {days:.0f} days of physics; "
+                f"{self.frames} frames, and swing.settle_s before each clip, need {days:.0f} days of physics; "
                 f"at most {MOST_DAYS} are simulated",
             )
 
@@ -138,10 +138,10 @@ class Scenario(Strict, frozen=True):
                 )
         if isinstance(self.swing, Iid) and isinstance(self.suspension, DoublePendulum):
             raise ScenarioError(
-                "suspension.model", 'independent frames have no second swing; swing.model = "dynamic", or another model'
+                "suspension.model", 'independent frames cannot have it; set swing.model = "dynamic", or another model'
             )
         if self.sensors and isinstance(self.swing, Iid):
-            raise ScenarioError("sensors", 'independent frames have no motion to measure; swing.model = "dynamic"')
+            raise ScenarioError("sensors", 'independent frames have no motion to measure; set swing.model = "dynamic"')
 
     def with_camera(self, camera: Camera) -> Scenario:
         """Return the same world seen by another camera, without display."""
@@ -268,7 +268,7 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
 
 
 def difference(base: Mapping[str, Any], whole: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the change that `merged` lays over ``base`` to get ``whole``; what is null or missing there is left out."""
+    """Return the change with which `merged` turns ``base`` into ``whole``; null or missing values are left out."""
     kept = {}
     for key, value in whole.items():
         old = base.get(key)

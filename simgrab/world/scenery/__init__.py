@@ -1,1 +1,1 @@
-"""What is built: places, the grab, the jib head, and the MuJoCo model of them."""
+"""Builds places, the grab and the jib head, and their MuJoCo model."""

@@ -1,4 +1,4 @@
-"""What stands below the jib head, and whether grab or camera would stick in something."""
+"""Check that grab and camera do not collide with the surroundings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class HeightMap:
     top : ndarray, shape (N, N)
         Indexed [y, x]; −inf where there is nothing.
     half_width : float
-        Of the square, m.
+        Half the width of the square, m.
     """
 
     top: Array
@@ -33,7 +33,7 @@ class HeightMap:
 
     @classmethod
     def of(cls, meshes: Iterable[trimesh.Trimesh], half_width: float) -> HeightMap:
-        """Look at meshes from above; a sloping triangle counts as high as its highest corner."""
+        """Make a height map of meshes; a sloping triangle counts as high as its highest corner."""
         triangles = np.concatenate([np.asarray(m.triangles) for m in meshes])
         near = (triangles[..., :2].min(axis=1) < half_width) & (triangles[..., :2].max(axis=1) > -half_width)
         triangles = triangles[near.all(axis=1)]
@@ -48,7 +48,7 @@ class HeightMap:
         return cls(top, half_width)
 
     def gap(self, points: Array) -> float:
-        """Least height of points (N, 3), place frame, above what is below them; points beyond the map count not."""
+        """Least height of points (N, 3), place frame, above the map; points beyond the map do not count."""
         cell = np.floor((points[:, :2] + self.half_width) / CELL_M).astype(int)
         inside = ((cell >= 0) & (cell < len(self.top))).all(axis=1)
         if not inside.any():
@@ -58,7 +58,7 @@ class HeightMap:
 
 
 def check_camera(centre: Array, steel: trimesh.Trimesh) -> None:
-    """Refuse a camera (3,), jib frame, that is inside the jib's steel, or so near that it sees nothing else."""
+    """Refuse a camera (3,), jib frame, that is inside the jib's steel, or so near that it sees only steel."""
     room = float(trimesh.proximity.closest_point_naive(steel, [centre])[1][0])
     if room < LEAST_ROOM_M or winding(steel, centre) > 0.5:
         raise ScenarioError(
@@ -69,7 +69,7 @@ def check_camera(centre: Array, steel: trimesh.Trimesh) -> None:
 
 
 def winding(mesh: trimesh.Trimesh, point: Array) -> float:
-    """How often closed meshes wind around a point: their solid angles over 4π (van Oosterom & Strackee, 1983)."""
+    """Winding number of closed meshes around a point: their solid angles over 4π (van Oosterom & Strackee, 1983)."""
     a, b, c = (np.asarray(mesh.triangles) - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))

@@ -1,4 +1,4 @@
-"""Marks on grab and ropes: their shapes, their pictures, and where their points are."""
+"""Marks on grab and ropes: their shapes, pictures and points."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GREY = Material("marker_arm", (0.35, 0.36, 0.38, 1.0))
 
 
 def marked(design: Design, markers: Markers) -> Design:
-    """Mount plate and target on a grab's head; its mass stays as it is.
+    """Mount plate and target on a grab's head; its mass stays unchanged.
 
     Parameters
     ----------
@@ -42,13 +42,13 @@ def marked(design: Design, markers: Markers) -> Design:
 
 
 def mark_points(plate: Circles | AprilTag, end_height: float) -> Array:
-    """Give the points by which a plate is measured, grab frame, m, shape (4, 3).
+    """Return the reference points of a plate, grab frame, m, shape (4, 3).
 
     Parameters
     ----------
     plate : Circles or AprilTag
     end_height : float
-        Of the rope ends in the grab's frame, m.
+        Height of the rope ends in the grab's frame, m.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def ball(balls: Balls, number: int) -> Part:
 
 
 def plate_picture(plate: Circles | AprilTag) -> Texture:
-    """Render what a plate shows, shape (n, n, 3): its top is along the grab's x, its left along y."""
+    """Render the picture on a plate, shape (n, n, 3): its top is along the grab's x, its left along y."""
     if isinstance(plate, AprilTag):
         family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
         black = cv2.aruco.generateImageMarker(family, plate.tag, TAG_BLACK_CELLS * _CELL_PX)

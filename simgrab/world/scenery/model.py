@@ -1,4 +1,4 @@
-"""From a plan to a MuJoCo model: the grab on its ropes, the jib head above it, the place below."""
+"""Build a MuJoCo model from a plan: the grab on its ropes, the jib head above it, the place below."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ DRAWN_SKY = 1.0  # at night, so that eight bits keep the darkness
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A compiled model and what it takes to pose it.
+    """A compiled model and the data needed to pose it.
 
     Attributes
     ----------
     model : mujoco.MjModel
         World frame = jib frame.
     plan : Plan
-        What it was built of.
+        Plan of the model.
     switches : dict of str to ndarray
-        Geoms that come and go with the state, by the stem of their name: ``cargo_2``, ``rope_0/15``; and those that
-        only an absent grab lacks: its steel and the falls inside it.
+        Geoms shown only in some states, by the stem of their name: ``cargo_2``, ``rope_0/15``; and those that only an
+        absent grab hides: its steel and the falls inside it.
     materials : dict of str to Material
         By their names.
     """
@@ -65,7 +65,7 @@ class World:
         return _painted(self.materials)
 
     def pose(self, data: mujoco.MjData, moment: Moment) -> None:
-        """Set ``data`` to the moment and ``model``'s geom groups to what it shows: right cargo heap, right ropes."""
+        """Set ``data`` to the moment, and ``model``'s geom groups to its visible geoms: cargo heap and ropes."""
         model, state = self.model, moment.grab
         place, slew = (moment.jib.jib_from_place.translation, moment.jib.slew) if moment.jib else (np.zeros(3), 0.0)
         data.mocap_pos[self._mocap("place")] = place
@@ -98,7 +98,7 @@ class World:
         self._shine(data, moment)
 
     def _shine(self, data: mujoco.MjData, moment: Moment) -> None:
-        """Keep the sun where it stands over the place, and its shadows where the camera looks."""
+        """Keep the sun fixed over the place, and its shadows in the camera's view."""
         if moment.jib:
             sun = self.model.light("sun").id
             direction = moment.jib.jib_from_place.rotation @ self.model.light_dir[sun]
@@ -142,14 +142,14 @@ class World:
 
 
 def build(scenario: Scenario, plan: Plan, *, textured: bool = False) -> World:
-    """Build the world that was planned for a scenario.
+    """Build the planned world of a scenario.
 
     Parameters
     ----------
     scenario : Scenario
     plan : Plan
     textured : bool
-        Whether the model itself holds the textures too, for MuJoCo's own renderer.
+        Whether the model includes the textures, for MuJoCo's own renderer.
     """
     spec = mujoco.MjSpec()
     _set_visuals(spec, scenario)

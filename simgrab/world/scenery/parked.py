@@ -1,4 +1,4 @@
-"""Grabs of other cranes, parked on the quay or a deck: they look like the one that is labelled, and are not."""
+"""Parked grabs of other cranes on the quay or a deck: they look like the labelled grab, but are not labelled."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_JAW = np.radians(40.0)
 def parked_grabs(
     clutter: Clutter, place: Sequence[Part], *, head_height: float, rng: np.random.Generator
 ) -> list[Part]:
-    """Stand grabs on level ground, each of its own paint, jaws and yaw, and of a shape of its own.
+    """Place grabs on level ground, each with its own shape, paint, jaws and yaw.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def parked_grabs(
 
 
 def _design(kinds: Sequence[str], rng: np.random.Generator) -> Design:
-    """Draw a grab of one of some kinds; of a kind of fixed shape alone, nothing is drawn."""
+    """Draw a grab of one of the kinds; a single kind of fixed shape needs no draw."""
     kind = kinds[0] if len(kinds) == 1 else str(rng.choice(list(kinds)))
     return design_of(any_of(kind, rng, volume_m3=(3.0, 8.0)))
 

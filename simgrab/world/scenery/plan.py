@@ -1,4 +1,4 @@
-"""From a scenario to the parts of its world: shapes and paint, where the grab may hang, and what it would hit."""
+"""Plan the world of a scenario: shapes and paint, and the space in which the grab may hang without collision."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ class Plan:
     grab : Design
     ropes : Ropes
     place : sequence of Part
-        What stands below, in the place's frame.
+        Surroundings below the jib, in the place's frame.
     jib : sequence of Part
         The jib head, in the jib frame.
     bodies : mapping of str to sequence of Part
         The grab, each body in its own frame.
     heaps : sequence of Part
-        Cargo that the grab may hold, one for each of `CARGO_LEVELS` or none, in the grab's frame.
+        Cargo in the grab, one heap for each of `CARGO_LEVELS` or none, in the grab's frame.
     straight : bool
         Whether the lens maps straight lines to straight lines.
     suspension : Suspension
     balls : sequence of Part
-        Between the ropes, each about the origin of its own frame.
+        Balls between the ropes, each about the origin of its own frame.
     ball_distances_m : sequence of float
-        Of each from O, towards the middle of the rope ends.
+        Distance of each ball from O, towards the middle of the rope ends.
     reach_m : float
-        How far from where O is at first the grab may come.
+        Greatest distance of the grab from the first position of O.
     """
 
     grab: Design
@@ -79,7 +79,7 @@ class Plan:
 
     @cached_property
     def outline(self) -> dict[str, Array]:
-        """Points (N, 3) of each shape among which the outermost of every picture are."""
+        """Points (N, 3) of each shape; in every picture the outermost points are among them."""
         return {
             name: _cover(np.asarray(mesh.vertices).tobytes(), np.asarray(mesh.faces).tobytes(), straight=self.straight)
             for name, mesh in self.shapes.items()
@@ -87,16 +87,16 @@ class Plan:
 
     @cached_property
     def ground(self) -> HeightMap:
-        """What stands below the grab."""
+        """Height map of the surroundings below the grab."""
         return HeightMap.of((part.mesh for part in self.place), self.reach_m)
 
     def grab_points(self, state: GrabState) -> Array:
-        """Points (N, 3), grab frame, that cover the grab and what it holds."""
+        """Points (N, 3), grab frame, that cover the grab and its load."""
         placed = placed_shapes(self.grab, state.jaw, state.load)
         return np.concatenate([self.outline[s] @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
 
     def lifted(self, moment: Moment) -> Moment:
-        """Shorten the rope of a moment until its grab is clear of what stands below."""
+        """Shorten the rope of a moment until the grab is clear of the surroundings below."""
         points, clamped = self.grab_points(moment.grab), (*moment.clamped, "rope_length_m")
         for _ in range(MOST_LIFTS):
             missing = CLEARANCE_M - self._gap(moment, moment.grab.jib_from_grab.apply(points))
@@ -108,7 +108,7 @@ class Plan:
         return moment
 
     def _gap(self, moment: Moment, points_jib: Array) -> float:
-        """Least height of points (N, 3) above what stands below them, m."""
+        """Least height of points (N, 3) above the surroundings, m."""
         if moment.jib:
             points_jib = moment.jib.jib_from_place.local(points_jib)
         return self.ground.gap(points_jib)
@@ -133,11 +133,11 @@ def draw_up(scenario: Scenario, number: int = 0, place: Sequence[Part] | None = 
     Parameters
     ----------
     scenario : Scenario
-        That varies no more.
+        Scenario in which nothing varies.
     number : int
-        Which of the worlds of one seed: what is random about place and grab, such as stains, differs between them.
+        Number of the world among those of one seed; random details, such as stains, differ between worlds.
     place : sequence of Part, optional
-        That of another plan, where it is the same; see `place_of`.
+        Place of another plan, if it is the same; see `place_of`.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def draw_up(scenario: Scenario, number: int = 0, place: Sequence[Part] | None = 
 
 
 def adapted(plan: Plan, old: Scenario, new: Scenario) -> Plan | None:
-    """Adapt the plan of a scenario to another one of the same number; None where that needs other parts.
+    """Adapt a plan to another scenario of the same number; None if that needs other parts.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def adapted(plan: Plan, old: Scenario, new: Scenario) -> Plan | None:
 
 
 def place_of(plan: Plan, old: Scenario, new: Scenario) -> Sequence[Part] | None:
-    """Place of the plan of a scenario, where another one of the same number has the same; else None."""
+    """Place of a plan, if another scenario of the same number has the same place; else None."""
     heights = old.jib.head_height_m, new.jib.head_height_m
     same = heights[0] == heights[1] and all(getattr(old, n) == getattr(new, n) for n in ("seed", "place", "clutter"))
     return plan.place if same else None
@@ -202,7 +202,7 @@ def _check_camera(scenario: Scenario, ropes: Ropes) -> None:
 
 
 def cargo_level(load: float) -> int | None:
-    """Index of the heap that stands for a fill, None when empty."""
+    """Index of the heap that represents a fill; None for an empty grab."""
     if load <= 0:
         return None
     return int(np.abs(np.array(CARGO_LEVELS) - load).argmin())
@@ -223,10 +223,10 @@ def _reach(scenario: Scenario) -> float:
 
 @lru_cache(maxsize=64)  # the steel of a design is the same in every world
 def _cover(vertices: bytes, faces: bytes, *, straight: bool) -> Array:
-    """Points of a mesh, shape (N, 3), among which the outermost of every picture are.
+    """Points of a mesh, shape (N, 3); in every picture the outermost points are among them.
 
-    A lens that keeps straight lines straight shows corners of the convex hull outermost. One that bends them may show
-    a point along an edge, so the surface near the hull is covered at `COVER_SPACING_M`.
+    Through a lens that keeps lines straight, the outermost points are corners of the convex hull. A lens that bends
+    lines may show a point along an edge outermost, so the surface near the hull is covered at `COVER_SPACING_M`.
     """
     corners, triangles = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3)
     hull = trimesh.Trimesh(corners, triangles, process=False).convex_hull

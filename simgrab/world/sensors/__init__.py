@@ -1,1 +1,1 @@
-"""Sensors beside the camera: true values at their mounts, and what they report."""
+"""Sensors beside the camera: true values at their mounts, and their readings."""

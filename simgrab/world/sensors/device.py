@@ -1,4 +1,4 @@
-"""A sensor in one clip: when it samples, what it reads, and the truth beside it."""
+"""A sensor in one clip: its sample times, its readings, and their truth."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ SWING = ("alpha [deg]", "azimuth [deg]")
 
 @dataclass(frozen=True)
 class Setting:
-    """Where a sensor is.
+    """Surroundings of a sensor in one clip.
 
     Attributes
     ----------
     scenario : Scenario
     world : int
-        Number of the scenario's variant, which keys what is random about the place.
+        Number of the scenario's variant, which seeds the random details of the place.
     opened : callable
         Opens the sensor's streams.
     renders : bool
-        Whether cameras render pictures; their numbers and truth are the same without.
+        Whether cameras render pictures; other values are the same without them.
     """
 
     scenario: Scenario
@@ -49,9 +49,9 @@ class SensorRows:
     stamp_ns : ndarray of int64, shape (n,)
     values : ndarray, shape (n, columns)
     truth : ndarray, shape (n, truth columns)
-        The first is the true time.
+        Truth of each row; the first column is the true time.
     pictures : sequence of bytes
-        Encoded, one a row; none but of a camera that renders.
+        Encoded pictures, one for each row; only for a camera that renders.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -67,16 +67,16 @@ class Device(ABC):
     ----------
     clock : SensorClock
     each : int
-        It reports every so many samples.
+        Number of samples for each report.
 
     Attributes
     ----------
     columns, truth_columns : tuple of str
-        With units in brackets; of ``values`` and ``truth`` of its rows.
+        Names of the columns of ``values`` and ``truth``, with units in brackets.
     body_from_sensor : ndarray, shape (4, 4), or None
-        Nominal pose; None for what has none.
+        Nominal pose; None for a sensor without one.
     pictures : sequence of bytes
-        Of the rows that were read last.
+        Pictures of the rows that were read last.
     """
 
     columns: tuple[str, ...]
@@ -91,7 +91,7 @@ class Device(ABC):
         self._counts: NDArray[np.int64] | None = None  # rows of each sample that was read last; one unless set
 
     def instants(self, end: float) -> Array:
-        """Give the true times before ``end`` that were not given before, s."""
+        """Return the next true sample times before ``end``, s."""
         clock = self.clock
         last = math.ceil(end * clock.rate_hz * (1 + clock.drift)) + 1
         samples = np.arange(self._next, max(last, self._next), dtype=float)
@@ -101,7 +101,7 @@ class Device(ABC):
         return times
 
     def rows(self, motion: Motion) -> SensorRows:
-        """Read the motion at the instants given last."""
+        """Read the motion at the latest instants."""
         samples = np.arange(self._next - len(motion.time), self._next, dtype=float)
         self._kept = slice((len(motion.time) - self._next) % self._each, None, self._each)
         values, truth = self._read(motion)
@@ -112,11 +112,11 @@ class Device(ABC):
         return SensorRows(stamp, values, np.column_stack([time, truth]), self.pictures)
 
     def close(self) -> None:
-        """Free what it renders with, if it does."""
+        """Free the sensor's renderer, if any."""
         if self._close:
             self._close()
             self._close = None
 
     @abstractmethod
     def _read(self, motion: Motion) -> tuple[Array, Array]:
-        """Give values and truth at the instants that it reports."""
+        """Return values and truth at the reported instants."""

@@ -1,4 +1,4 @@
-"""Errors of a sensor: its clock, and what stands between true values and readings."""
+"""Errors of a sensor: its clock, and the difference of readings from true values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def streams(seed: int, clip: int, sensor: str) -> Open:
 
 @dataclass(frozen=True)
 class SensorClock:
-    """A sensor's clock, which sets when it samples and what it stamps.
+    """A sensor's clock, which determines sample times and time stamps.
 
     At the true time t of the clip it shows ``offset + (1 + drift) t``; it samples ``rate_hz`` times in a second of its
     own.
@@ -42,7 +42,7 @@ class SensorClock:
 
     @classmethod
     def draw(cls, rate_hz: float, errors: Clocked | ImuNoise, opened: Open) -> SensorClock:
-        """Draw a clock of stated standard deviations of offset and drift."""
+        """Draw a clock, given the standard deviations of offset and drift."""
         offset, drift = opened("clock").standard_normal(2).tolist()
         return cls(rate_hz, offset * errors.clock_offset_ms / 1000, drift * errors.clock_drift_ppm / 1e6)
 
@@ -60,8 +60,8 @@ class SensorErrors:
 
     E holds scale errors and misalignments, b a bias that begins at its turn-on value and then walks at random; n is
     white. Of a white noise of density N, a sample has the standard deviation N √rate; the walk of density K grows by
-    K/√rate between samples. It goes on from call to call, and the same samples give the same numbers however they are
-    cut.
+    K/√rate between samples. The errors continue from call to call; they do not depend on how samples are divided into
+    calls.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class SensorErrors:
     limit : float or None
         Readings stay within ± this.
     resolution : float
-        Of a count; 0 is none.
+        Size of a count; 0 is none.
     rate_hz : float
     """
 

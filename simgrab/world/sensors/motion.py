@@ -1,4 +1,4 @@
-"""The motion of a clip at any instants, as its frames have it at theirs, with rates and accelerations."""
+"""The motion of a clip at any instants, consistent with its frames, with rates and accelerations."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ Instants = Callable[[float, float], Array]
 
 
 class Displacement(Protocol):
-    """How the ropes are displaced from straight ones at n instants, in the pivot frame of `Motion`."""
+    """Displacement of the ropes from straight lines at n instants, in the pivot frame of `Motion`."""
 
     def __getitem__(self, which: NDArray[np.intp]) -> Displacement:
-        """Return those at some instants."""
+        """Return the displacement at some of the instants."""
 
     def at(self, distance: float) -> tuple[Array, Array, Array]:
         """Acceleration, slope and its rate at a distance from O, m, shape (n, 3) each; m/s², 1 and 1/s."""
@@ -41,8 +41,8 @@ class Displacement(Protocol):
 class Motion:
     """Crane, ropes, grab and camera at n instants, SI units and radians.
 
-    Vectors are in the *pivot frame*, whose origin is O and whose axes are those of the jib frame unslewed, which do not
-    turn; except where said. T is the middle of the rope ends, on the grab's axis.
+    Vectors are in the *pivot frame* unless stated: its origin is O, and its axes are those of the unslewed jib frame,
+    which do not turn. T is the middle of the rope ends, on the grab's axis.
 
     Attributes
     ----------
@@ -55,15 +55,15 @@ class Motion:
     direction, direction_rate, direction_acceleration : ndarray, shape (n, 3)
         Unit vector from O to T, with its derivatives.
     rope, rope_rate, rope_acceleration : ndarray, shape (n,)
-        What is paid out: |OT| + |TA|.
+        Length paid out: |OT| + |TA|.
     length : ndarray, shape (n,)
         |OT|.
     gravity : ndarray, shape (n, 3)
         Less the acceleration of O.
     slew, slew_rate, slew_acceleration : ndarray, shape (n,)
-        Of the jib.
+        Slewing angle, rate and acceleration of the jib.
     radius, luffed : ndarray, shape (n,)
-        From the slewing axis to O, and by how much that has grown.
+        Distance from the slewing axis to O, and its growth.
     jaw, load : ndarray, shape (n,)
         Opening of the jaws, and fill.
     shake, shake_rate : ndarray, shape (n, 2)
@@ -71,7 +71,7 @@ class Motion:
     lean, lean_rate : ndarray, shape (n, 2)
         Lean of the camera about its attitude at rest, ``shake`` included.
     waves : Displacement or None
-        None where the ropes are straight.
+        None if the ropes are straight.
     """
 
     time: Array
@@ -117,7 +117,7 @@ class Motion:
         return alpha, azimuth
 
     def moment(self, i: int) -> Moment:
-        """Give what pictures show at an instant; the camera hangs straight there."""
+        """Return the moment of pictures at an instant; its camera hangs straight."""
         back = geometry.rotation_z(-float(self.slew[i]))
         attitude = back @ self.attitude[i]
         lean, leaning, _ = (float(value) for value in geometry.swing_of(-attitude[:, 2]))
@@ -130,7 +130,7 @@ class Motion:
 
 
 def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motion]:
-    """Give the motion of a clip at instants, some seconds at a time.
+    """Yield the motion of a clip at instants, some seconds at a time.
 
     It is integrated in the same steps as for frames. The forces that drive it are constant during each of the plant's
     intervals of at most 20 ms, so that accelerations jump between these.
@@ -138,7 +138,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
     Parameters
     ----------
     scenario : Scenario
-        With dynamic swing, and nothing that varies.
+        Scenario with dynamic swing, in which nothing varies.
     clip : int
     instants : callable
 

@@ -46,7 +46,7 @@ def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinema
     mounting : str
     motion : Motion
     scenario : Scenario
-        Whose camera and grab they are.
+        Scenario of the camera and the grab.
     """
     match mounting:
         case "jib-head":
@@ -63,7 +63,7 @@ def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinema
 
 
 def body_from_sensor(mounting: Mounting, scenario: Scenario) -> Array:
-    """Pose of a sensor in what it is fixed to, shape (4, 4), m.
+    """Pose of a sensor in its body's frame, shape (4, 4), m.
 
     The body's frame is the jib frame, the camera frame, the grab's frame, for the rope that of the jib leaned with the
     rope, origin O, and for the platform the jib's axes on the slewing axis, origin at the height of the quay.

@@ -22,24 +22,24 @@ from simgrab.world.sensors.table import DEVICES, implementation
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a sensor recorded in one clip, and the truth beside it.
+    """Readings of a sensor in one clip, and their truth.
 
     Attributes
     ----------
     name : str
     sensor : MotionSensor
-        Its table of the scenario.
+        The sensor's table in the scenario.
     stamp_ns : ndarray of int64, shape (n,)
         Time stamps of the sensor's own clock, ns since the clip began.
     columns : tuple of str
-        Of ``values``, each with its unit in brackets.
+        Names of ``values``, each with its unit in brackets.
     values : ndarray, shape (n, len(columns))
-        As the sensor reports them.
+        Reported values.
     truth_columns : tuple of str
     truth : ndarray, shape (n, len(truth_columns))
-        What is known at each sample; the first column is the true time, s since the clip began.
+        Truth of each sample; the first column is the true time, s since the clip began.
     body_from_sensor : ndarray, shape (4, 4), or None
-        Nominal pose in what it is fixed to, m; None for encoders.
+        Nominal pose in the frame of its body, m; None for encoders.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Recording:
     body_from_sensor: Array | None
 
     def true(self, column: str) -> Array:
-        """Give a column of the truth, shape (n,)."""
+        """Return a column of the truth, shape (n,)."""
         return self.truth[:, self.truth_columns.index(column)]
 
 
@@ -61,12 +61,12 @@ def sensors(
 ) -> dict[str, Recording]:
     """Record the sensors of a scene during one clip, writing nothing.
 
-    They are what `simgrab.render` writes beside the frames of the clip: the same motion, seen more often.
+    `simgrab.render` writes the same readings beside the frames of the clip.
 
     Parameters
     ----------
     scene : Scenario, str or path
-        With ``swing.model = "dynamic"`` and tables ``sensors.NAME``; anything else is refused.
+        Scene with ``swing.model = "dynamic"`` and tables ``sensors.NAME``; any other is refused.
     clip : int
         Number of the clip, a negative one from the end.
     randomiser : callable or str, optional
@@ -80,9 +80,9 @@ def sensors(
     Raises
     ------
     ScenarioError
-        If the scene has no sensors, naming the key, or cannot be.
+        If the scene has no sensors or is impossible. The message names the key.
     ExtensionError
-        If the randomiser cannot be found, raises, or returns what no scene can be.
+        If the randomiser cannot be found, raises an error, or returns impossible values.
     IndexError
         If there is no such clip.
 
@@ -97,7 +97,7 @@ def sensors(
     recipe = Recipe.of(scene, randomiser)
     scenario = recipe.scenario
     if not scenario.sensors:
-        raise ScenarioError("sensors", 'the scene has none; add one, such as imu0 = { model = "imu", mount = "grab" }')
+        raise ScenarioError("sensors", 'there are none; add one, such as imu0 = { model = "imu", mount = "grab" }')
     count, number = scenario.clip.count(scenario.frames), operator.index(clip)
     if not -count <= number < count:
         raise IndexError(f"clip {number} is out of range: the scenario has {count} clips")
@@ -130,12 +130,12 @@ def devices_of(variant: Variant, clip: int, *, renders: bool = False) -> dict[st
 
 
 def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterator[tuple[str, SensorRows]]:
-    """Record a clip with devices that are new, and give their rows some seconds at a time, each device's in order.
+    """Record a clip with new devices; yields their rows some seconds at a time, in order for each device.
 
     Parameters
     ----------
     scenario : Scenario
-        With dynamic swing, and nothing that varies.
+        Scenario with dynamic swing, in which nothing varies.
     clip : int
     devices : dict of str to Device
 

@@ -1,4 +1,4 @@
-"""Where each kind of sensor is implemented: imported only for a scene that has one."""
+"""Modules of the kinds of sensors, each imported only for a scene that has one."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ ROPE_WAVES = "simgrab.lab.sensors.waves:RopeWaves"
 
 
 def implementation(target: str, key: str) -> Any:
-    """Import what the table names, for a key of the scenario.
+    """Import the implementation of a kind, for a key of the scenario.
 
     Raises
     ------
     ScenarioError
-        If this installation lacks it, naming the key.
+        If this installation lacks it. The message names the key.
     """
     try:
         return pkgutil.resolve_name(target)

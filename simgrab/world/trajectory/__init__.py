@@ -1,1 +1,1 @@
-"""How everything moves: independent draws, or the grab as a pendulum below a crane that works in the wind."""
+"""Motion: independent draws, or the grab as a pendulum below a crane that works in the wind."""

@@ -11,7 +11,7 @@ from simgrab.model.geometry import Array
 
 @dataclass(frozen=True)
 class Move:
-    """From rest to rest: velocity rises over ``ramp``, holds, and falls over ``brake``.
+    """A move from rest to rest: velocity rises over ``ramp``, stays constant, and falls over ``brake``.
 
     Attributes
     ----------
@@ -31,12 +31,12 @@ class Move:
 
     @classmethod
     def in_time(cls, start: float, distance: float, duration: float) -> Move:
-        """Move that speeds up and slows down all the way."""
+        """Make a move that only accelerates and brakes."""
         return cls(start, distance, duration, duration / 2, duration / 2)
 
     @classmethod
     def at_speed(cls, start: float, distance: float, speed: float, ramp: float, brake: float | None = None) -> Move:
-        """Move that reaches ``speed``, or less where the distance is too short for it; it brakes as it starts."""
+        """Make a move with ``speed``, or less if the distance is too short; it brakes as fast as it starts."""
         brake = ramp if brake is None else brake
         mean = (ramp + brake) / 2
         top = min(speed, abs(distance) / mean)
@@ -46,7 +46,7 @@ class Move:
 
     @property
     def end(self) -> float:
-        """When it rests again, s."""
+        """Time of the end, s."""
         return self.start + self.duration
 
     def progress(self, time: Array) -> tuple[Array, Array]:
@@ -61,7 +61,7 @@ class Move:
         return top * gone, top * np.minimum(rising / self.ramp, falling / self.brake)
 
     def acceleration(self, time: Array) -> Array:
-        """Acceleration; where it jumps, that after the jump."""
+        """Acceleration; at a jump, the value after it."""
         if not self.distance:
             return np.zeros_like(time)
         u = time - self.start
@@ -72,7 +72,7 @@ class Move:
 
 @dataclass
 class CommandedAxis:
-    """Where an axis is commanded to be, over time. Moves are appended in order and forgotten when long past."""
+    """Commanded position of an axis over time. Moves are appended in order and forgotten when long past."""
 
     rest: float
     moves: list[Move] = field(default_factory=list)

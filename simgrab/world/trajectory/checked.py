@@ -17,12 +17,12 @@ _TURN = (-1e3, 1e3)  # and any other number without bounds of its own
 
 
 def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
-    """Check a user's moment, and make its numbers Python's.
+    """Check a user's moment, and convert its numbers to Python's.
 
     Raises
     ------
     TypeError, ValueError, AttributeError
-        If it is no moment that a frame can show.
+        If it is not a moment, or is impossible.
     """
     if not isinstance(moment, Moment):
         raise TypeError(f"must return a Moment, got {type(moment).__name__}")
@@ -39,7 +39,7 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
     ahead = None
     if moment.ahead is not None:
         if now.time is None or moment.ahead.time is None:
-            raise ValueError("a moment ahead needs times, and so does the moment itself")
+            raise ValueError("a moment with ahead needs a time, and so does ahead itself")
         _within("ahead.time", moment.ahead.time, now.time + 1e-6, now.time + 1.0)
         ahead = _instant(moment.ahead, design, scenario.suspension)
     return replace(
@@ -49,7 +49,7 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
 
 
 def _instant(moment: Moment, design: Design, suspension: Suspension) -> Moment:
-    """Moment of Python's numbers within bounds; what it is ahead of is left out."""
+    """Moment with Python's numbers within bounds, without its ``ahead``."""
     grab = _bounded(
         "", moment.grab, alpha=(0.0, math.radians(MOST_ALPHA_DEG)), azimuth=_TURN, rope_length=ROPE_LENGTH_RANGE_M,
         yaw=_TURN, jaw=(0.0, design.max_jaw), load=(0.0, 1.0 if design.holds_cargo else 0.0),
@@ -61,7 +61,7 @@ def _instant(moment: Moment, design: Design, suspension: Suspension) -> Moment:
         head = _within("head[0]", lean, -math.pi / 2, math.pi / 2), _within("head[1]", azimuth, *_TURN)
         grab = replace(grab, head=head)
     else:
-        raise ValueError('head must be None: with this suspension it follows; suspension.model = "double-pendulum"')
+        raise ValueError('head must be None with this suspension; set suspension.model = "double-pendulum"')
     tilt = _bounded("tilt.", moment.tilt, beta=(0.0, math.pi / 2), azimuth=_TURN, roll=_TURN)
     jib = moment.jib and _bounded("jib.", moment.jib, slew=_TURN, radius=(0.1, 1e3), luffed=_TURN)
     x, y, z = (_within("apparent_gravity", value, *_TURN) for value in moment.apparent_gravity)

@@ -26,7 +26,7 @@ MOST_INTERVAL_S = 0.02  # between changes of what acts on the grab
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Block:
-    """What drives a clip during `BLOCK` intervals. Vectors are in axes that do not turn, except where said.
+    """The inputs that drive a clip during `BLOCK` intervals. Vectors are in axes that do not turn, unless stated.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Block:
     interval : float
         s.
     course : Course
-        At both ends of all intervals, one instant more than these.
+        Course at both ends of all intervals, one instant more than intervals.
     gravity : ndarray, shape (BLOCK, 3)
         Less O's mean acceleration, m/s².
     velocity : ndarray, shape (BLOCK + 1, 2)
-        Of O, at the intervals' ends, m/s.
+        Velocity of O, at the intervals' ends, m/s.
     felt : ndarray, shape (BLOCK, 3)
         ``gravity`` in the jib frame of the interval's beginning.
     wind, push : ndarray, shape (BLOCK, 2)
@@ -47,7 +47,7 @@ class Block:
     shake : ndarray, shape (BLOCK, 2)
         Lean of the jib head from vibration at the intervals' beginnings, jib frame, rad.
     lean : ndarray, shape (BLOCK + 1, 2, 2)
-        Of the camera's mount and its rate, at the intervals' ends; see `Mount`.
+        Lean of the camera's mount and its rate, at the intervals' ends; see `Mount`.
     """
 
     count: int
@@ -62,7 +62,7 @@ class Block:
     lean: Array
 
     def drives(self) -> Iterator[Drive]:
-        """Give for each interval what acts on the grab."""
+        """Yield the drive of the grab in each interval."""
         course = self.course
         columns = (
             self.gravity, self.velocity[:-1], (course.slew[:-1] + course.slew[1:]) / 2, course.rope[:-1],
@@ -78,9 +78,9 @@ class ClipMotion:
     Parameters
     ----------
     scenario : Scenario
-        With dynamic swing.
+        Scenario with dynamic swing.
     clip : int
-        Its index; each clip has draws of its own.
+        Index of the clip; each clip has its own draws.
     """
 
     def __init__(self, scenario: Scenario, clip: int) -> None:
@@ -113,11 +113,11 @@ class ClipMotion:
 
     @property
     def warm_up_s(self) -> float:
-        """Time that runs before the first frame, by which the work's clock is ahead of the clip's."""
+        """Simulated time before the first frame, s. The work's clock is ahead of the clip's by this time."""
         return self._warm_up_frames * self._per_frame * self.interval
 
     def blocks(self, work: Work) -> Iterator[Block]:
-        """Give what drives the clip, block by block, without end; ``work`` is sampled as they are asked for."""
+        """Yield the clip's drives, block by block, without end; ``work`` is sampled as blocks are requested."""
         noises = zip(self._wind(), self._forcing(), self._vibration(), strict=True)
         mount = Mount(self._scenario.camera, self.interval)
         for block, (wind, push, shake) in enumerate(noises):
@@ -152,7 +152,7 @@ class ClipMotion:
         )  # fmt: skip
 
     def _shown(self, moment: Moment, work: Work) -> Shown:
-        """Work out what the display shows; its clock runs on from clip to clip."""
+        """Compute the display's text; its clock continues from clip to clip."""
         assert self._layout is not None
         rate, grab = self._scenario.clip.frame_rate_hz, design_of(self._scenario.grab)
 
@@ -181,7 +181,7 @@ class ClipMotion:
         return self.noise(shape, math.radians(vibration.rms_deg), "vibration")
 
     def noise(self, shape: ShapingFilter | None, rms: float, name: str) -> Iterator[Array]:
-        """Blocks (BLOCK, 2) of two independent components, each of this rms."""
+        """Blocks (BLOCK, 2) of two independent components with this rms each."""
         if not shape or not rms:
             return itertools.repeat(np.zeros((BLOCK, 2)))
         pair = (

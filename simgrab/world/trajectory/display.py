@@ -1,4 +1,4 @@
-"""What the display shows in one picture: lengths that lag the crane's, and sometimes two of them at once."""
+"""The display's text in one picture: lengths that lag the crane's, sometimes torn between two values."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Shown:
 
 
 def shown(display: Display, layout: Layout, time_s: float, lengths_at: Callable[[float], tuple[float, float]]) -> Shown:
-    """Work out what the display shows in the picture whose readout begins at a time.
+    """Compute the display's text in the picture whose readout begins at a time.
 
     The controller refreshes both numbers at the instants k / refresh_hz with the lengths of lag_s before, and holds
     them in between. A refresh at u, while the picture is read out from top to bottom, shows from row
@@ -49,7 +49,7 @@ def shown(display: Display, layout: Layout, time_s: float, lengths_at: Callable[
     layout : Layout
         Fitted to the picture.
     time_s : float
-        When the readout begins, 0 or more.
+        Beginning of the readout, 0 or more.
     lengths_at : callable
         Takes a time, s, in [0, time_s + readout_s] and returns |OA| and the closing rope's length from the same
         point, m, both before ``constant_m`` is taken off. Frames that know no time pass a constant, and so neither
@@ -81,12 +81,12 @@ def _digits(text: str) -> str:
 
 
 def clock_text(started: datetime, time_s: float) -> str:
-    """Write a moment as the display does, cut off to the second that has begun.
+    """Write a moment as the display does, truncated to whole seconds.
 
     Parameters
     ----------
     started : datetime
-        What the clock shows at time 0.
+        Reading of the clock at time 0.
     time_s : float
         Seconds since then.
 

@@ -1,4 +1,4 @@
-"""How far the grab's head leans where taut ropes hold it: pure kinematics, for any swing."""
+"""Lean of a grab's head that taut ropes hold: pure kinematics, for any swing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ITERATIONS, _CLOSE = 60, 1e-16
 
 
 def rope_lean(alpha: float, share: float, ratio: float, *, of_ropes: bool = False) -> float:
-    """Angle λ between the ropes and gravity, rad, where OA swings by α and the head leans by a ratio of λ.
+    """Angle λ between the ropes and gravity, rad, if OA swings by α and the head leans by a ratio of λ.
 
     In the triangle of O, the middle T of the rope ends, and A, the sine rule gives
     sin(λ − α)/|TA| = sin((1 − ratio)·λ)/|OA| = sin(α − ratio·λ)/|OT|.
@@ -37,14 +37,14 @@ def rope_lean(alpha: float, share: float, ratio: float, *, of_ropes: bool = Fals
 
 
 def hung(grab: GrabState, suspension: Suspension, end_height: float) -> GrabState:
-    """Lean the head of a grab as its suspension has it; nothing changes but on four ropes.
+    """Lean the head of a grab by its suspension; only four ropes change it.
 
     Parameters
     ----------
     grab : GrabState
     suspension : Suspension
     end_height : float
-        Of the rope ends in the grab's frame, m.
+        Height of the rope ends in the grab's frame, m.
     """
     if not isinstance(suspension, FourRopes):
         return grab

@@ -1,4 +1,4 @@
-"""Independent frames: where the grab hangs in each, drawn from the scenario's distributions."""
+"""Independent frames: poses of the grab, drawn from the scenario's distributions."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     Parameters
     ----------
     scenario : Scenario
-        With independent frames.
+        Scenario with independent frames.
     frame : int
 
     Raises
     ------
     ScenarioError
-        If an unbounded distribution draws an impossible value, naming frame and key.
+        If an unbounded distribution draws an impossible value. The message names frame and key.
     """
     swing = scenario.swing
     assert isinstance(swing, Iid)

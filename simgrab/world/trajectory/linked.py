@@ -1,4 +1,4 @@
-"""The grab on ropes that lean otherwise than it does: a double pendulum, or one whose head the ropes hold.
+"""The grab on ropes that lean differently from it: a double pendulum, or a grab whose head the ropes hold.
 
 The ropes are a massless link from O to T, the middle of their ends; the grab is a rigid body about T. Each leans from
 straight down by a vector p (2) along the horizontal part of its direction, whose length is the angle. Coordinates are

@@ -17,7 +17,7 @@ STRAIGHT = 1e-12  # sine of a tilt so small that it has no azimuth
 
 @dataclass(frozen=True)
 class GrabState:
-    """Pose of the grab in the jib frame, rad and m, and what it holds.
+    """Pose of the grab in the jib frame, rad and m, and its fill.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class GrabState:
     load : float
         Fill, 0 to 1.
     head : tuple of 2 floats, or None
-        Angle between the grab's own axis and gravity, and its azimuth; None where the axis is along OA.
+        Angle between the grab's own axis and gravity, and its azimuth; None if the axis is along OA.
     """
 
     alpha: float
@@ -65,12 +65,12 @@ class Tilt:
 
     @classmethod
     def at_rest(cls, camera: Camera) -> Tilt:
-        """Attitude that the scenario gives the camera."""
+        """Attitude of the camera in the scenario."""
         return cls(*(math.radians(a) for a in (camera.beta_deg, camera.tilt_azimuth_deg, camera.roll_deg)))
 
     @classmethod
     def of(cls, rotation: Array, azimuth: float) -> Tilt:
-        """Read a rotation ``jib_from_camera``, shape (3, 3); ``azimuth`` is taken where the camera hangs straight."""
+        """Read a rotation ``jib_from_camera``, shape (3, 3); ``azimuth`` is used if the camera hangs straight."""
         axis = rotation[:, 2]
         across = math.hypot(axis[0], axis[1])
         if across > STRAIGHT:
@@ -82,16 +82,16 @@ class Tilt:
 
 @dataclass(frozen=True)
 class JibState:
-    """Where the jib stands over the place.
+    """Position of the jib over the place.
 
     Attributes
     ----------
     slew : float
-        Turn about the slewing axis from where O is above the middle of the place, counter-clockwise from above, rad.
+        Slewing angle, counter-clockwise from above, rad; 0 where O is above the middle of the place.
     radius : float
         From the slewing axis to O, m.
     luffed : float
-        By how much the radius has grown, m.
+        Growth of the radius, m.
     """
 
     slew: float
@@ -100,7 +100,7 @@ class JibState:
 
     @property
     def jib_from_place(self) -> Pose:
-        """Pose of what stands on the ground, whose frame is the jib frame unslewed and unluffed."""
+        """Pose of the place's frame, which is the jib frame before slewing and luffing."""
         turn = geometry.rotation_z(-self.slew)
         return Pose(turn, turn @ (self.radius - self.luffed, 0.0, 0.0) - (self.radius, 0.0, 0.0))
 
@@ -117,18 +117,18 @@ class Moment:
     gamma : float
         Azimuth of the swing less the tilt azimuth, rad, in [0, 2π).
     present : bool
-        Whether the grab is there; else ``grab`` is where it would be.
+        Whether the grab is present; if not, ``grab`` is the pose it would have.
     clip : int or None
-        None for independent frames, as `time` and `jib` are.
+        None for independent frames, like `time` and `jib`.
     time : float or None
         Since the clip began, s.
     jib : JibState or None
     apparent_gravity : tuple of 3 floats
         Gravity less the acceleration of O, jib frame, m/s².
     shown : Shown or None
-        What the display shows; None where there is no display.
+        Text of the display; None without a display.
     ahead : Moment or None
-        A moment shortly after, where the camera sees things move.
+        A moment shortly after, for motion blur; None if nothing moves.
     clamped : tuple of str
         Keys of the swing whose draw was impossible and was replaced by the nearest possible value.
     """
@@ -152,7 +152,7 @@ class Moment:
         return cls(frame, grab, tilt, (grab.azimuth - tilt.azimuth) % (2 * math.pi))
 
     def shifted(self, seconds: float) -> Moment:
-        """Go to an instant within some tens of milliseconds, along the way to the moment ahead; without one, stay."""
+        """Interpolate towards the moment ahead, by some tens of milliseconds; without one, stay."""
         if self.ahead is None or not seconds:
             return self
         assert self.time is not None

@@ -1,4 +1,4 @@
-"""How the camera's tilt moves: with the fly-jib, by gravity, or not at all."""
+"""Motion of the camera's tilt: with the fly-jib, by gravity, or none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Mount:
     ----------
     camera : Camera
     interval : float
-        During which apparent gravity is constant, s.
+        Interval during which apparent gravity is constant, s.
     """
 
     def __init__(self, camera: Camera, interval: float) -> None:
@@ -35,7 +35,7 @@ class Mount:
             self._advance = expm(interval * self._motion).tolist()
 
     def advance(self, gravity: Array, luffed: Array) -> Array:
-        """Go on by n intervals.
+        """Advance by n intervals.
 
         Parameters
         ----------
@@ -72,11 +72,11 @@ class Mount:
         Parameters
         ----------
         state : ndarray, shape (n, 2, 2)
-            At the beginning of each instant's interval, as `advance` gives it.
+            State at the beginning of each instant's interval, as `advance` returns it.
         seconds : ndarray, shape (n,)
             Since then.
         gravity : ndarray, shape (n, 3)
-            Of that interval.
+            Gravity in the middle of that interval.
         luffed, luff_rate : ndarray, shape (n,)
             Growth of the radius at the instants, m, and its rate, m/s.
         """

@@ -37,7 +37,7 @@ class ShapingFilter:
         return b / np.linalg.norm(signal.lfilter(b, a, impulse)), a
 
     def memory(self) -> float:
-        """Time in which the start is forgotten, s."""
+        """Time after which the start has no influence, s."""
         return float(_FORGETTING / np.abs(np.real(np.roots(self.denominator))).min())
 
 
@@ -74,7 +74,7 @@ def noise(shape: ShapingFilter, step: float, *, seed: int, clip: int, name: str)
     ----------
     shape : ShapingFilter
     step : float
-        Between samples, s.
+        Time between samples, s.
     seed, clip : int
     name : str
         The variable; block k is drawn from the stream ``name/k``.

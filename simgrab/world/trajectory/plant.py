@@ -1,8 +1,9 @@
 """The grab on its ropes, in a frame that moves with O but does not turn.
 
-In that frame the pivot rests and the grab feels gravity less O's acceleration, which is what slewing and luffing do to
-it; the hoist follows its command; the ropes turn the grab back as a spring does. `Plant` holds what all suspensions
-share; the equations of motion are in `simgrab.world.trajectory.one_body` and `simgrab.world.trajectory.linked`.
+In that frame the pivot rests and the grab feels gravity less O's acceleration, which is the effect of slewing and
+luffing; the hoist follows its command; the ropes turn the grab back as a spring does. `Plant` holds what all
+suspensions share; the equations of motion are in `simgrab.world.trajectory.one_body` and
+`simgrab.world.trajectory.linked`.
 """
 
 from __future__ import annotations
@@ -41,16 +42,16 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Drive:
-    """What acts on the grab during one interval.
+    """Inputs that act on the grab during one interval.
 
     Attributes
     ----------
     gravity : tuple of 3 floats
         Gravity less O's mean acceleration, m/s².
     velocity : tuple of 2 floats
-        Of O over the ground, m/s, horizontal.
+        Velocity of O over the ground, m/s, horizontal.
     heading : float
-        Of the jib, rad, half-way through the interval.
+        Heading of the jib, rad, half-way through the interval.
     rope, rope_rate, rope_acceleration : float
         Commanded |OA| at the interval's start, and its rate; mean acceleration over the interval.
     wind, push : tuple of 2 floats
@@ -75,20 +76,20 @@ class Drive:
 
 
 class Forces(NamedTuple):
-    """What acts during one interval, as the equations of motion take it.
+    """Forces during one interval, as input of the equations of motion.
 
     Attributes
     ----------
     gravity : tuple of 3 floats
         m/s².
     push : tuple of 3 floats
-        On the centre of mass, weight left out, N.
+        Force on the centre of mass without weight, N.
     rope_acceleration : float
-        Of the rope paid out, m/s².
+        Acceleration of the rope paid out, m/s².
     twist, heading : float
         Stiffness against yaw, N m/rad, and the yaw without torque, rad.
     damping, yaw_damping, joint_damping : float
-        Of the swing, of the yaw, and of the grab against its ropes, N m s.
+        Damping of the swing, of the yaw, and of the grab against its ropes, N m s.
     """
 
     gravity: Vector
@@ -114,15 +115,15 @@ class Plant(ABC):
     Parameters
     ----------
     scenario : Scenario
-        With dynamic swing.
+        Scenario with dynamic swing.
     drive : Drive
-        What acts first; it begins on its rope, with its jaws and load.
+        First drive, which gives the initial rope, jaws and load.
 
     Attributes
     ----------
     mass : Mass
     end_height : float
-        Of T, the middle of the rope ends, in the grab's frame, m.
+        Height of T, the middle of the rope ends, in the grab's frame, m.
     """
 
     def __init__(self, scenario: Scenario, drive: Drive) -> None:
@@ -141,11 +142,11 @@ class Plant(ABC):
         self.mass = self._design.mass_of(drive.jaw, drive.load)
 
     def run(self, drive: Drive, seconds: float, steps: int, instants: Sequence[float] = ()) -> Array:
-        """Integrate one interval, and give the motion at instants within it.
+        """Integrate one interval, and return the motion at instants within it.
 
-        Cargo leaves with its own speed, and moving jaws keep the momentum: by how much they change angular velocities
-        at the interval's beginning counts as acceleration throughout it. Between two steps the motion is that of a
-        shorter step from the first of them, by the same integrator.
+        Cargo leaves with its own speed, and moving jaws keep the momentum: the resulting change of angular velocity at
+        the interval's beginning counts as acceleration throughout the interval. Between two steps the motion is that of
+        a shorter step from the first of them, by the same integrator.
 
         Parameters
         ----------
@@ -236,7 +237,7 @@ class Plant(ABC):
 
     @abstractmethod
     def grab_state(self, slew: float, jaw: float, load: float) -> GrabState:
-        """Give the grab's state in the jib frame, whose heading is ``slew``, rad."""
+        """Return the grab's state in the jib frame, whose heading is ``slew``, rad."""
 
     @abstractmethod
     def _rates(self) -> Array:
@@ -248,15 +249,15 @@ class Plant(ABC):
 
     @abstractmethod
     def _velocity(self, rope: float) -> Vector:
-        """Velocity of the centre of mass in the plant's frame, m/s, where so much rope is paid out, m."""
+        """Velocity of the centre of mass in the plant's frame, m/s, for a length of rope paid out, m."""
 
     @abstractmethod
     def _keep_momentum(self, before: Mass, after: Mass) -> None:
-        """Give the grab another mass distribution and the momentum it has."""
+        """Change the grab's mass distribution, and keep its momentum."""
 
     @abstractmethod
     def _apply(self, forces: Forces, seconds: float, steps: int) -> None:
-        """Set what acts during an interval, and its steps."""
+        """Set the forces of an interval, and its steps."""
 
     @abstractmethod
     def _advance(self, steps: int) -> None:
@@ -264,7 +265,7 @@ class Plant(ABC):
 
     @abstractmethod
     def _motion(self, seconds: float) -> Array:
-        """Give the motion a part of a step ahead, shape (`WIDTH`,); the state stays."""
+        """Return the motion a part of a step ahead, shape (`WIDTH`,), without changing the state."""
 
 
 def leaning(lean: float, azimuth: float, yaw: float) -> Array:

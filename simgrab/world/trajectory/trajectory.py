@@ -1,4 +1,4 @@
-"""What happens in a scenario, frame by frame."""
+"""The moments of a scenario, frame by frame."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ REMEMBERED = 64  # cached frames, which may be requested again without restartin
 class Trajectory:
     """The moments of a scenario.
 
-    Any frame can be asked for, in any order. With dynamic swing a clip runs from its beginning to the frame asked for,
-    so that going forward is cheap and going back is not.
+    Frames may be requested in any order. With dynamic swing, a clip runs from its beginning to the requested frame,
+    so forward requests are cheap and backward ones are not.
 
     Parameters
     ----------
     scenario : Scenario
     extensions : Extensions
-        With a user's own trajectory, in place of the scenario's swing.
+        A user's own trajectory replaces the scenario's swing.
     plan : Plan, optional
-        Of the scenario; needed where ropes are to be shortened until the grab is clear of what stands below.
+        Plan of the scenario; required if ropes are to be shortened until the grab is clear of the surroundings.
     """
 
     def __init__(self, scenario: Scenario, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:
@@ -40,12 +40,12 @@ class Trajectory:
         self._recent: deque[Moment] = deque(maxlen=REMEMBERED)
 
     def at(self, frame: int) -> Moment:
-        """Give one frame's moment.
+        """Return one frame's moment.
 
         Raises
         ------
         ScenarioError
-            If it cannot be, naming frame and key.
+            If the frame is impossible. The message names frame and key.
         """
         if self._extensions.trajectory is not None:
             moment = self._extensions.moment(self._scenario, frame)
@@ -73,7 +73,7 @@ class Trajectory:
         raise AssertionError("internal error: a clip's motion has no end")
 
     def _with_display(self, moment: Moment) -> Moment:
-        """Independent frames know no time: their display shows the frame's own lengths, its clock goes by the index."""
+        """Add the display to an independent frame: its own lengths, and a clock from its index."""
         if not self._layout:
             return moment
         lengths = moment.grab.rope_length, moment.grab.rope_length + self._grab.closing_rope_m(moment.grab.jaw)

@@ -1,4 +1,4 @@
-"""What the operator does: slewing, luffing, hoisting, the jaws and the load, over time."""
+"""The operator's work over time: slewing, luffing, hoisting, jaws and load."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Course:
 
 
 class Work:
-    """The course of one clip, made as far as it is asked for and forgotten behind.
+    """The course of one clip, made as far as requested; the past is forgotten.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Work:
             self._slew.add(Move.at_speed(work.wait_s, speed * 1e7, abs(speed) or 1.0, work.ramp_s))
 
     def sample(self, time: Array) -> Course:
-        """Give the course at increasing instants; those long before the last call's are forgotten."""
+        """Return the course at increasing instants; instants long before the last call are forgotten."""
         while self._until < time[-1]:
             self._plan_cycle()
         axes = (self._slew, self._luff, self._rope, self._jaw, self._load)
@@ -105,7 +105,7 @@ class Work:
         return Course(slew, slew_rate, luff, luff_rate, rope, rope_rate, jaw, load, held)
 
     def slew_acceleration(self, time: Array) -> Array:
-        """Give the angular acceleration of the jib, rad/s², at instants that were sampled last."""
+        """Return the angular acceleration of the jib, rad/s², at the latest sampled instants."""
         return self._slew.acceleration(time)
 
     def rope_and_jaw(self, time: float) -> tuple[float, float]:

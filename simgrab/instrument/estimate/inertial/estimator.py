@@ -59,7 +59,7 @@ REST_S = 0.2  # readings about the vertical are averaged over so long before the
 
 @dataclass(frozen=True, eq=False)
 class FilterStart:
-    """A fitted record, from which frames to come can be filtered.
+    """A fitted record, from which later frames can be filtered.
 
     Attributes
     ----------
@@ -83,8 +83,8 @@ class FilterStart:
 class InertialFusion(PathEstimator):
     """Attitude of the camera from an inertial sensor in its housing, and a pendulum that the same sensor drives.
 
-    A camera that levels itself follows the apparent gravity as the grab does, and pictures cannot tell the two apart.
-    The gyroscope measures how the camera turns, and the accelerometer what accelerates the rope's exit. Attitude,
+    A camera that levels itself follows apparent gravity as the grab does, so pictures cannot separate the two motions.
+    The gyroscope measures the camera's rotation, and the accelerometer the acceleration of the rope exit. Attitude,
     biases, camera offset, pendulum and wind are at their common posterior mode (an iterated extended Kalman smoother);
     the strengths of wind and pixel noise maximise the likelihood. Steady wind keeps its direction over the ground while
     the jib slews, which distinguishes it from tilt. Mounts of any kind are treated alike.
@@ -92,15 +92,15 @@ class InertialFusion(PathEstimator):
     Attributes
     ----------
     imu : ImuReadings or None
-        Of the same record, over all of it. There is no estimate without it.
+        Readings over the whole record. Without them there is no estimate.
     damping, damping_sd : float
         Prior of the damping ratio.
     reach_sd_m : float
         Prior of the reach: |OA| and the reach, times the lean of the ropes, displace the grab. Half of a normal
-        distribution below 0. It is 0 where grab and ropes are in line, and minus the height of the rope ends above A
-        where the grab's head stays level.
+        distribution below 0. It is 0 if grab and ropes are in line, and minus the height of the rope ends above A if
+        the grab's head stays level.
     longer_m, longer_sd_m : float
-        Prior of how much longer than |OA| and the reach the equivalent simple pendulum is.
+        Prior of the length of the equivalent simple pendulum minus |OA| and the reach.
     wind_sd : float
         Prior standard deviation of the steady lean by wind, rad per axis.
     tilt_sd : float
@@ -158,7 +158,7 @@ class InertialFusion(PathEstimator):
         return begun if isinstance(begun, str) else self._found(begun, calibration)
 
     def start(self, frames: Frames, calibration: Calibration, imu: ImuReadings) -> FilterStart | str:
-        """Fit one record; returns why not where that cannot be."""
+        """Fit one record; returns the reason if that is impossible."""
         assert frames.time is not None
         assert frames.rope_length is not None
         time, length = frames.time, float(frames.rope_length.mean())
@@ -203,7 +203,7 @@ class InertialFusion(PathEstimator):
         return FilterStart(whole, found, priors, rest, excess)
 
     def unfit(self, time: Array, imu: ImuReadings) -> str:
-        """Say why readings do not cover frames at times (n,), or frames are too far apart; empty where all is well."""
+        """Return why readings do not cover frames at times (n,), or frames are too far apart; empty if they do."""
         pause = np.diff(time)
         if len(pause) and pause.max() > CUT_S:
             return f"no frame for {pause.max():.1f} s at {time[pause.argmax()]:.1f} s; at most {CUT_S:g} s"
@@ -240,7 +240,7 @@ class InertialFusion(PathEstimator):
         return InertialPriors(mean, sd, first, walk)
 
     def _first(self, data: NodeData, level: Array, offset: Array, bias: Array) -> Path:
-        """Guess a path: attitudes from a gyroscope of some bias (3,) about a tilt (3, 3), swings from the pixels."""
+        """Guess a path: attitudes from the gyroscope with a bias (3,) and a tilt (3, 3), swings from the pixels."""
         k, summed = len(data.time), data.links.imu
         force_bias = np.average(summed.force, axis=0, weights=summed.step) - STANDARD_GRAVITY * level[2]
         attitude = np.empty((k, 3, 3))
@@ -315,7 +315,7 @@ def _at_rest(time: Array, rate: Array) -> float:
 
 
 def _refined(path: Path, thin: NodeData, whole: NodeData) -> Path:
-    """Carry a path over to more nodes; attitudes go on by the gyroscope from the last node before."""
+    """Transfer a path to more nodes; the gyroscope continues attitudes from the previous node."""
     last = np.clip(np.searchsorted(thin.time, whole.time, side="right") - 1, 0, len(thin.time) - 1)
     state = interpolated(whole.time, thin.time, path.state)
     attitude = np.empty((len(whole.time), 3, 3))
@@ -330,7 +330,7 @@ def _refined(path: Path, thin: NodeData, whole: NodeData) -> Path:
 
 
 def _like(path: Path, first: Path) -> Array:
-    """States whose first node has the biases that the priors are about."""
+    """States whose first node has the prior means of the biases."""
     state = path.state.copy()
     state[0, GYROSCOPE], state[0, ACCELEROMETER] = first.state[0, GYROSCOPE], first.state[0, ACCELEROMETER]
     return state

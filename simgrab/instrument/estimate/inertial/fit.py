@@ -1,8 +1,8 @@
-"""Fitting attitude, sensor and pendulum to one record: Gauss–Newton to the posterior mode, from loose to stiff.
+"""Fit attitude, sensor and pendulum to one record: Gauss–Newton to the posterior mode, from loose to stiff.
 
-A grab that digs in the cargo is no pendulum. While the pendulum is loose, the path follows the pixels, and stretches
-whose motion takes forces that no wind has show up; they lose their weight for the rest of the fit. A fit that starts
-stiff would rather take the pixels there for outliers.
+A grab that digs in the cargo is not a pendulum. While the pendulum is loose, the path follows the pixels, and stretches
+whose motion needs more force than wind can give become visible; they lose their weight for the rest of the fit. A fit
+that starts stiff would take the pixels there for outliers.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ class InertialPriors:
     Attributes
     ----------
     mean, sd : ndarray, shape (11,)
-        Of the parameters.
+        Mean and standard deviation of the parameters.
     first_sd : ndarray, shape (16,)
-        Of the first state about that of a first guess; infinite where nothing is known.
+        Standard deviation of the first state about the first guess; infinite for unknown components.
     walk : ndarray, shape (16,)
-        By how much the sensor's noise moves the state in a second.
+        Random walk of the state by the sensor's noise in a second.
     """
 
     mean: Array
@@ -68,12 +68,12 @@ class InertialPriors:
 
 @dataclass(frozen=True, eq=False)
 class NodeData(Nodes):
-    """What a record has at k nodes.
+    """Data of a record at k nodes.
 
     Attributes
     ----------
     resting : ndarray of bool, shape (k,)
-        Whether the jib does not slew.
+        Whether the jib is not slewing.
     links : ImuLinks
     focal_px : float
     """
@@ -87,7 +87,7 @@ class NodeData(Nodes):
 class Path:
     """Attitudes (k, 3, 3), states (k, 16) without error of the attitude, parameters (11,), and strengths (3,).
 
-    ``weight`` (k − 1,) is that of each step's pendulum; below 1 where the grab does not swing freely.
+    ``weight`` (k − 1,) is the weight of the pendulum in each step; below 1 where the grab does not swing freely.
     """
 
     attitude: Array
@@ -106,7 +106,7 @@ class Path:
 
 @dataclass(frozen=True, eq=False)
 class InertialFit:
-    """A path, what is known of it, how many rounds it took, and whether it converged."""
+    """A path, its covariance, the number of rounds, and whether it converged."""
 
     path: Path
     minimum: Minimum
@@ -115,15 +115,15 @@ class InertialFit:
 
 
 def fit(data: NodeData, first: Path, start: Path, priors: InertialPriors, searches: int = SEARCHES) -> InertialFit:
-    """Fit from a rough path; at most so many rounds search for the strengths.
+    """Fit from a rough path.
 
     Parameters
     ----------
     data : NodeData
     first : Path
-        Whose first attitude and biases the priors are about.
+        Path whose first attitude and biases are the prior means.
     start : Path
-        To begin with. Where ``searches`` is 0, its strengths and weights are kept.
+        Path to start from. If ``searches`` is 0, its strengths and weights are kept.
     priors : InertialPriors
     searches : int
 
@@ -161,7 +161,7 @@ def fit(data: NodeData, first: Path, start: Path, priors: InertialPriors, search
 
 
 def _hanging(best: Minimum, path: Path) -> Minimum:
-    """Move to the least point at which the reach is not positive: no head leans more than its ropes."""
+    """Move to the minimum at which the reach is at most 0: no head leans more than its ropes."""
     beyond = path.parameters[REACH] + best.parameters[REACH]
     if beyond <= 0:
         return best
@@ -170,14 +170,14 @@ def _hanging(best: Minimum, path: Path) -> Minimum:
 
 
 def _without_frequency(priors: InertialPriors) -> InertialPriors:
-    """Fix what sets the pendulum's frequency and its response: a loose path is not smooth enough to determine them."""
+    """Fix the pendulum's parameters of frequency and response: a loose path is not smooth enough to determine them."""
     sd = priors.sd.copy()
     sd[[DAMPING, LONGER, REACH]] = 1e-6
     return replace(priors, sd=sd)
 
 
 def _linearised(data: NodeData, path: Path, first: Path, priors: InertialPriors, weigh: str) -> tuple[Weighed, Array]:
-    """Linearise the posterior about a path; also the weights of its steps, new ones where ``weigh`` states a way."""
+    """Linearise the posterior about a path; also return the weights of its steps, recomputed if ``weigh`` is given."""
     links, k = data.links, len(path.state)
     residual, by_state, by_parameter = derivatives_of_advance(path.attitude, path.state, path.parameters, links)
     ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
@@ -222,7 +222,7 @@ def _places(data: NodeData, path: Path) -> Quadratic:
 
 
 def _prior(data: NodeData, path: Path, first: Path, priors: InertialPriors) -> Quadratic:
-    """Collect what is known of the first node, of the velocity at all of them, and of the parameters."""
+    """Collect the priors of the first node, of the velocity at all nodes, and of the parameters."""
     off = path.state.copy()
     off[0, ATTITUDE] = rotation_vector(first.attitude[0].T @ path.attitude[0])
     for some in (GYROSCOPE, ACCELEROMETER):
@@ -235,10 +235,10 @@ def _prior(data: NodeData, path: Path, first: Path, priors: InertialPriors) -> Q
 
 
 def velocity_precision(velocity: Array, resting: NDArray[np.bool_], step: Array) -> Array:
-    """Inverse variance per axis (n,) of what is known of velocities (n, 2): that they are small, and 0 while resting.
+    """Inverse variance per axis (n,) of the prior of velocities (n, 2): they are small, and 0 while resting.
 
-    Velocities within `SPEED_S` are one measurement, and those of a standing jib within a second. The weight is
-    Geman and McClure's: a jib that luffs without slewing has none.
+    Velocities within `SPEED_S` count as one measurement, and so do those of a standing jib within a second. The weight
+    is Geman and McClure's: a jib that luffs without slewing gets almost no weight.
     """
     square = np.sum(velocity**2, axis=-1) / REST_SPEED**2
     stands = resting * (1 + square) ** -2.0 * np.minimum(step, 1)

@@ -44,18 +44,18 @@ NOTHING = np.nan, (np.nan, np.nan)
 
 @dataclass(eq=False)
 class InertialTracker:
-    """Swing of each frame from what came before it.
+    """Swing of each frame from the frames before it.
 
     Parameters
     ----------
     fusion : InertialFusion
-        With the readings; of them only those before a frame are used for it.
+        Estimator with the readings; only readings before a frame are used for it.
     calibration : Calibration
 
     Attributes
     ----------
     waiting : str
-        Why there is no swing yet; empty once there is.
+        Why there is no swing yet; empty once there is one.
     """
 
     fusion: InertialFusion
@@ -67,7 +67,7 @@ class InertialTracker:
     _refused: str = field(init=False, default="")
 
     def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
-        """Take a frame.
+        """Process a frame.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class InertialTracker:
         alpha : float
             rad; NaN while there is none, or no pixel or rope length.
         ends : tuple of 2 floats
-            Of its 95 % interval.
+            Ends of its 95 % interval.
         """
         filter_ = self._filter
         if filter_ is None:
@@ -100,7 +100,7 @@ class InertialTracker:
     def _collect(
         self, time: float, pixel: tuple[float, float] | None, rope: float
     ) -> tuple[float, tuple[float, float]]:
-        """Keep a frame for the first fit, and fit when that is due."""
+        """Keep a frame for the first fit, and fit when the time has come."""
         if pixel is not None and np.isfinite(rope):
             self._kept.append((time, pixel, float(rope)))
         past = time - self._kept[0][0] if self._kept else 0.0
@@ -160,7 +160,7 @@ class _Filter:
         return alpha, (float(low), float(high))
 
     def step(self, time: float, place: Array | None, rope: float) -> None:
-        """Go on to a frame, and take its pixel in where there is one."""
+        """Advance to a frame, and update with its pixel if there is one."""
         rope = rope if np.isfinite(rope) else self._rope
         parts = max(int(np.ceil((time - self.time) / NODE_S - 1e-9)), 1)
         nodes = np.linspace(self.time, time, parts + 1)
@@ -187,7 +187,7 @@ class _Filter:
         self._attitude, self._state = ahead[0], moved[0]
 
     def _noise(self, links: ImuLinks, now: float) -> Array:
-        """Covariance (16, 16) of what a step adds."""
+        """Covariance (16, 16) that a step adds."""
         held = now < self._held_until
         fast = NOT_FREE_FAST if held else float(np.exp(self._strengths[FAST]))
         slow = NOT_FREE_SD if held else float(np.exp(self._strengths[SLOW]))
@@ -195,7 +195,7 @@ class _Filter:
         return np.asarray(of_pendulum[0] + np.diag(self._priors.walk**2 * links.step))
 
     def _stand(self, links: ImuLinks) -> None:
-        """Take in what is known of the jib head's velocity, as the fit does."""
+        """Update with the prior of the jib head's velocity, as the fit does."""
         velocity, resting = self._state[VELOCITY], np.abs(links.imu.rate[:, 2] - self._rest) < SLEWING
         precision = float(velocity_precision(velocity[None], resting, links.step)[0])
         jacobian = np.zeros((2, ALL))

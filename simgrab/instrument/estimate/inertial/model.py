@@ -9,12 +9,12 @@ m/s), bias of the gyroscope (3, rad/s) and of the accelerometer across the optic
 frame, and the pendulum: s, p and slow forcing a (2 each) as in `simgrab.instrument.estimate.pendulum`, here in the
 level frame, where wind keeps its direction while the jib slews.
 
-Parameters of the whole record, `PARAMETERS` numbers: camera offset (3, m, jib frame), damping ratio, by how much the
-pendulum is longer than the lever (m), how much of the rate about the optical axis the gyroscope shows on each of its
-axes (3), the steady lean by wind (2, rad, level frame), and the reach: how much longer than the rope the lever is (m).
+Parameters of the whole record, `PARAMETERS` numbers: camera offset (3, m, jib frame), damping ratio, the pendulum's
+length minus the lever (m), the gyroscope's response on each of its axes to the rate about the optical axis (3), the
+steady lean by wind (2, rad, level frame), and the reach: the lever minus the rope's length (m).
 
 The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab
-leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is that of OA.
+leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is the lean of OA.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ImuLinks(pendulum.Links):
 
 
 def heading(attitude: Array) -> Array:
-    """Turn about the vertical of attitudes (..., 3, 3): the jib's heading, whose camera leans but does not turn."""
+    """Heading of the jib, from attitudes (..., 3, 3): the camera leans on the jib but does not turn."""
     return np.arctan2(attitude[..., 1, 0] - attitude[..., 0, 1], attitude[..., 0, 0] + attitude[..., 1, 1])
 
 
@@ -64,7 +64,7 @@ def _rates(x: Array, damping: float, rope: Array, length: float, acceleration: A
 
 
 def advance(attitude: Array, x: Array, parameters: Array, links: ImuLinks) -> tuple[Array, Array]:
-    """Attitudes and states one step on.
+    """Advance attitudes and states by one step.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def advance(attitude: Array, x: Array, parameters: Array, links: ImuLinks) -> tu
     -------
     attitude : ndarray, shape (k − 1, 3, 3)
     x : ndarray, shape (k − 1, 16)
-        With no error of the attitude, which is in the attitude.
+        States; their error of the attitude is 0.
     """
     imu, h = links.imu, links.step[:, None]
     now = attitude @ rotation(x[:, ATTITUDE])
@@ -111,14 +111,14 @@ def advance(attitude: Array, x: Array, parameters: Array, links: ImuLinks) -> tu
 
 
 def place(attitude: Array, x: Array, parameters: Array, rope: Array) -> Array:
-    """Where the picture has the grab, shape (k, 2), as `simgrab.instrument.estimate.pendulum.seen_from`."""
+    """Position of the grab in the picture, shape (k, 2), as `simgrab.instrument.estimate.pendulum.seen_from`."""
     now = attitude @ rotation(x[:, ATTITUDE])
     offset = np.einsum("nij,j->ni", rotation_z(heading(now)), parameters[OFFSET])
     return seen_from(now, x[:, SWING], rope, offset)
 
 
 def derivatives_of_advance(attitude: Array, x: Array, parameters: Array, links: ImuLinks) -> tuple[Array, Array, Array]:
-    """By how much each step misses the next node, and the derivatives of where it leads.
+    """Difference of each step's end from the next node, and the derivatives of that end.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ def rotation_vector(turn: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Preintegrated:
-    """What the sensor reported between k consecutive nodes, in the mount frame of the earlier one.
+    """The sensor's readings between k consecutive nodes, in the mount frame of the earlier node.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Preintegrated:
 
 
 def preintegrate(time: Array, imu: ImuReadings, mount_from_camera: Array) -> Preintegrated:
-    """Sum readings up between nodes at increasing times (k,); readings between two samples lie on a line."""
+    """Sum readings up between nodes at increasing times (k,); readings are interpolated linearly between samples."""
     mount_from_sensor = mount_from_camera @ imu.camera_from_sensor
     rates, forces = imu.rate @ mount_from_sensor.T, imu.force @ mount_from_sensor.T
     cuts = np.unique(np.concatenate([time, imu.time[(imu.time > time[0]) & (imu.time < time[-1])]]))

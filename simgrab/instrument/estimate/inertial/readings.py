@@ -1,4 +1,4 @@
-"""Readings of an inertial sensor: files in the layout of the EuRoC data set in, checked arrays out."""
+"""Read an inertial sensor's files in the layout of the EuRoC data set into checked arrays."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _DENSITIES = {
 
 @dataclass(frozen=True, eq=False)
 class ImuReadings:
-    """What an inertial measurement unit in the camera's housing reported.
+    """Readings of an inertial measurement unit in the camera's housing.
 
     Attributes
     ----------
     time : ndarray, shape (n,)
-        s, increasing, by the clock that the frames have too; some milliseconds between the two do no harm.
+        s, increasing, by the clock of the frames; a difference of some milliseconds does no harm.
     rate : ndarray, shape (n, 3)
         Angular rate over the ground, sensor frame, rad/s.
     force : ndarray, shape (n, 3)
@@ -55,8 +55,8 @@ class ImuReadings:
     Raises
     ------
     RecordError
-        For wrong shapes, values that are not finite or no sensor on a crane reports, and times that do not increase:
-        naming column and row, of which the first is 1.
+        For wrong shapes, values that are not finite or too large for a sensor on a crane, and times that do not
+        increase. The message names column and row (the first is 1).
     """
 
     time: Array
@@ -97,11 +97,11 @@ class ImuReadings:
 
     @property
     def excess(self) -> float:
-        """By how much the mean specific force exceeds g, m/s²: a jib head moves level, so that is bias."""
+        """Excess of the mean specific force over g, m/s². A jib head moves level, so this is bias."""
         return float(np.linalg.norm(self.force, axis=-1).mean()) - STANDARD_GRAVITY
 
     def without_excess(self, excess: float) -> ImuReadings:
-        """Take an `excess`, m/s², out of the accelerometer's readings along the optical axis."""
+        """Subtract an `excess`, m/s², from the accelerometer's readings along the optical axis."""
         return replace(self, force=self.force + excess * self.camera_from_sensor[2])
 
 
@@ -114,7 +114,7 @@ def read_imu(folder: str | Path) -> ImuReadings:
     Raises
     ------
     RecordError
-        In one line: the file, and the row (the first is 1), column or key.
+        With one line that names the file and the row (the first is 1), column or key.
     """
     about, where = _about(Path(folder) / "sensor.yaml"), Path(folder) / "data.csv"
     stamp, *values = read_columns(where, STAMP, *RATE, *FORCE)
@@ -133,7 +133,7 @@ def check_times(time: Array, what: str = "time, row") -> None:
 
 
 def read_columns(path: Path, *names: str) -> list[Array]:
-    """Read columns of numbers; raises `RecordError` for one that is missing, naming the row of what is no number."""
+    """Read columns of numbers; raises `RecordError` for a missing column, or a row without a number."""
     table = read_table(path)
     for name in names:
         if table.column_names.count(name) != 1:
@@ -153,7 +153,7 @@ def read_table(path: Path) -> pa.Table:
 
 
 def numbers(path: Path, table: pa.Table, name: str) -> Array:
-    """Return a column as numbers; raises `RecordError` naming the row of one that is not finite."""
+    """Return a column as numbers; raises `RecordError` with the row of a value that is not finite."""
     column = table[name]
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
         raise RecordError(f"{path}: column {name!r} holds something that is not a number")
@@ -164,12 +164,12 @@ def numbers(path: Path, table: pa.Table, name: str) -> Array:
 
 
 def read_description(path: Path, kind: str) -> tuple[dict[str, Any], Array]:
-    """Read a ``sensor.yaml`` of a kind of sensor, such as ``"imu"``: all of it, and its pose T_BS, shape (4, 4).
+    """Read a ``sensor.yaml`` of a kind of sensor, such as ``"imu"``; returns it, and its pose T_BS (4, 4).
 
     Raises
     ------
     RecordError
-        In one line: the file, and what is wrong with it.
+        With one line that names the file and the problem.
     """
     data = read_yaml(path, RecordError, "sensor description", most_bytes=MOST_YAML_BYTES)
     if not isinstance(data, dict) or not isinstance(data.get("T_BS"), dict):
@@ -190,7 +190,7 @@ def read_description(path: Path, kind: str) -> tuple[dict[str, Any], Array]:
 
 
 def _about(path: Path) -> dict[str, Any]:
-    """Read what the estimator needs of a ``sensor.yaml``."""
+    """Read the keys of a ``sensor.yaml`` that the estimator needs."""
     data, pose = read_description(path, "imu")
     try:
         found = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}

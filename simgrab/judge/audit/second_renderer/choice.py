@@ -1,4 +1,4 @@
-"""Which second renderer this machine has."""
+"""Choose this machine's second renderer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class OpenedRenderer:
     ----------
     renderer : SecondRenderer
     note : str
-        Its name, and why an installed one that is preferred was not used.
+        Its name, and why a preferred renderer that is installed was not used.
     """
 
     renderer: SecondRenderer

@@ -17,8 +17,8 @@ RAYS_AT_ONCE = 1 << 19  # 28 bytes each
 class EmbreeRays:
     """Casts one ray through the centre of each sample of the exact pinhole.
 
-    Embree computes in float32. Vertices are therefore moved into the camera's frame in float64 first: what is rounded
-    is the distance from the camera, by up to 1e-6 m at 30 m, which is 1e-4 px or less.
+    Embree computes in float32. Vertices are therefore moved into the camera's frame in float64 first. Then only
+    distances from the camera are rounded, by up to 1e-6 m at 30 m, which is at most 1e-4 px.
     """
 
     package = "embreex"

@@ -1,4 +1,4 @@
-"""Grabs: what they are made of, how their jaws move, what they weigh."""
+"""Grabs: their parts, the motion of their jaws, and their mass."""
 
 from __future__ import annotations
 

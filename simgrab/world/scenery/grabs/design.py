@@ -1,4 +1,4 @@
-"""What a grab is to the rest of simgrab: rigid bodies on joints, ropes, cargo, mass.
+"""A grab's design, which the rest of simgrab uses: rigid bodies on joints, ropes, cargo, mass.
 
 Grab frame: origin A, fixed in the head's steel, on the ropes' common axis at half the height of the closed grab; z up
 along the ropes, x across the closing line of the jaws, y along it. The bodies' frames are parallel to it when the grab
@@ -35,16 +35,17 @@ class Body:
     mass_kg : float
     parts : sequence of Part
         Watertight, in the body's frame. A material's name is that of a field of `simgrab.world.scenery.meshes.paint`'s
-        ``Finish``, which paints it; a material of any other name is drawn as it is.
+        ``Finish``, which paints it; a material of any other name is drawn unchanged.
     parent : str
-        Body that it is hinged to, or slides in; empty for the first one, the head, whose frame is the grab frame.
+        Body to which it is hinged, or in which it slides; empty for the first one, the head, whose frame is the grab
+        frame.
     pin : tuple of 3 floats
         Origin of the frame in the parent's when the grab is closed, m.
     axis : tuple of 3 floats
         Unit vector that it turns about or slides along, in its own frame.
     slides : bool
     own_solid : Trimesh, optional
-        What the mass is spread over, where parts are not closed.
+        Solids over which the mass is spread, if parts are not closed.
     """
 
     name: str
@@ -63,7 +64,7 @@ class Body:
 
     @property
     def solid(self) -> trimesh.Trimesh:
-        """What the mass is spread over evenly: closed surfaces, which may overlap."""
+        """Closed surfaces, which may overlap, over which the mass is spread evenly."""
         return self.steel if self.own_solid is None else self.own_solid
 
 
@@ -83,21 +84,21 @@ class Design:
     bodies : sequence of Body
         The head first; parents come before their children.
     positions : callable
-        Joint positions by the name of the body for an opening of the jaws, rad: rad for a hinge, m for a slide; all
-        are 0 at 0.
+        Returns joint positions, by name of the body, for an opening of the jaws, rad: in rad for a hinge, m for a
+        slide; all are 0 for an opening of 0.
     max_jaw : float
         Widest opening, rad; 0 where nothing moves.
     terminations : ndarray, shape (n, 3)
-        Where the ropes end in the head, grab frame, m: 1, 2 or 4 of them, seen from above counter-clockwise from
+        Ends of the ropes in the head, grab frame, m: 1, 2 or 4 of them, seen from above counter-clockwise from
         (+x, +y).
     closing : sequence of int
-        Which of the ropes close the jaws; the others hold the head. Empty where the jaws have a drive of their own.
+        Indices of the ropes that close the jaws; the others hold the head. Empty if the jaws have their own drive.
     falls : ndarray, shape (k, 2, 3)
         Pieces of the closing ropes inside the grab: one end in the frame of ``falls_from``, the other in that of
         ``falls_to``.
     leads : ndarray, shape (m, 2, 3)
         Pieces of the closing ropes between the head and the falls, one each: one end in the head's frame, the other in
-        that of ``falls_from``. None where the falls begin in the head.
+        that of ``falls_from``. None if the falls begin in the head.
     falls_from, falls_to : str
         Names of bodies. Falls from the first one, the head, are drawn; others are among the bodies' parts.
     lips : mapping of str to ndarray, shape (n, 3)
@@ -107,9 +108,9 @@ class Design:
         Cargo in the closed grab, by its name and random numbers: a part in the grab frame for each of `CARGO_LEVELS`,
         or none for a grab that holds no cargo.
     cargo_kg : float
-        Mass of what the full grab holds.
+        Mass of a full load.
     drag_area_m2 : float, optional
-        Cd·A, m²; worked out from the closed grab's outline unless given.
+        Cd·A, m²; by default computed from the closed grab's outline.
     """
 
     bodies: Sequence[Body]
@@ -128,7 +129,7 @@ class Design:
 
     @cached_property
     def holds_cargo(self) -> bool:
-        """Whether it holds cargo when it is closed."""
+        """Whether the closed grab holds cargo."""
         return len(self.heaps("coal", np.random.default_rng(0))) > 0
 
     @property
@@ -153,7 +154,7 @@ class Design:
         return found
 
     def closing_rope_m(self, jaw: float) -> float:
-        """Length that each closing rope has paid out, on top of a holding rope's, to open the jaws by so many rad."""
+        """Length that each closing rope pays out, in addition to a holding rope, to open the jaws by an angle, rad."""
         if not len(self.falls) or not self.closing:
             return 0.0
         opened, closed = (self._falls_m(self.frames(j)) for j in (jaw, 0.0))

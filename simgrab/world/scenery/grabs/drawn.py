@@ -14,7 +14,7 @@ _ORANGE_PEEL = (("ropes", 4), ("ropes", 2), ("hydraulic", 1), ("hydraulic", 4))
 
 
 def any_of(kind: str, rng: np.random.Generator, volume_m3: tuple[float, float]) -> Grab:
-    """Draw a grab of a kind; of one whose shape is fixed, nothing is drawn.
+    """Draw a grab of a kind; a kind of fixed shape needs no draw.
 
     Parameters
     ----------

@@ -45,14 +45,14 @@ class Piece:
     Attributes
     ----------
     parts : tuple of Part
-        One, or one for each colour of its faces.
+        One part, or one for each colour of its faces.
     nodes : tuple of str
-        Names of the node that shows it and of all above that.
+        Names of the node that shows it and of all its ancestors.
     closed : bool
         Whether all of it is watertight.
     area_m2 : float
     solid : Trimesh
-        The steel: what is closed as it is, and plates of `PLATE_M` where it is not.
+        The steel: closed parts unchanged, and open ones as plates of `PLATE_M`.
     """
 
     parts: tuple[Part, ...]
@@ -69,7 +69,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class ImportedModel:
-    """What a model's file shows, as the keys turn and scale it.
+    """A model's visible content, turned and scaled by the keys.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class ImportedModel:
     origin_m : ndarray, shape (3,)
         From the file's origin, metres, z up: zero but for a model that lies far from it.
     contents : Contents
-        As the file has them.
+        Content in the file's own units and axes.
     """
 
     pieces: list[Piece]
@@ -92,13 +92,13 @@ def from_file(keys: Mesh) -> Design:
     Raises
     ------
     ScenarioError
-        If the file is none, cannot be a grab, or lacks a node.
+        If the file is invalid, cannot be a grab, or lacks a node.
     """
     return design(keys, read(keys, models.recall(keys.sha256, keys.file, _refuse)))
 
 
 def design(keys: Mesh, reading: ImportedModel) -> Design:
-    """Make a design of what a model's file shows."""
+    """Make a design from a model's visible content."""
     found, origin = reading.pieces, reading.origin_m
     points = np.concatenate([piece.vertices for piece in found])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -131,7 +131,7 @@ def design(keys: Mesh, reading: ImportedModel) -> Design:
 
 
 def _from(keys: Mesh, origin: Array) -> Mesh:
-    """State the points of keys from another origin."""
+    """Express the keys' points from another origin."""
 
     def moved(*points: tuple[float, float, float]) -> tuple[tuple[float, float, float], ...]:
         return tuple(_point(np.array(point) - origin) for point in points)
@@ -180,7 +180,7 @@ UNITS = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3
 
 
 def _rope_ends(keys: Mesh, low: Array, high: Array) -> Array:
-    """Where ropes end in the file's frame, counter-clockwise seen from above."""
+    """Compute the ends of the ropes in the file's frame, counter-clockwise seen from above."""
     if keys.rope_ends_m:
         ends = np.array(keys.rope_ends_m)
         about = ends[:, :2] - ends[:, :2].mean(axis=0)
@@ -207,8 +207,8 @@ def _bodies(keys: Mesh, found: list[Piece], centre: Array) -> list[Body]:
     for i, group in groups.items():
         if not group:
             if i < 0:
-                raise ScenarioError("grab.jaws", "all of the file is jaws: nothing is left that the ropes hold")
-            raise ScenarioError(f"grab.jaws.{i}.node", "all that it shows belongs to other jaws")
+                raise ScenarioError("grab.jaws", "every part belongs to a jaw; the ropes need a part to hold")
+            raise ScenarioError(f"grab.jaws.{i}.node", "all parts of this node belong to other jaws")
     solids = {i: trimesh.util.concatenate([piece.solid for piece in group]) for i, group in groups.items()}
     total = sum(kit.STEEL_KG_M3 * float(solid.volume) for solid in solids.values())
     per_m3 = kit.STEEL_KG_M3 * (1.0 if keys.mass_kg is None else keys.mass_kg / total)
@@ -247,7 +247,7 @@ def read(keys: Mesh, model: ModelFile) -> ImportedModel:
     Raises
     ------
     ScenarioError
-        If it cannot be read, or holds what no grab can be of.
+        If it cannot be read, or cannot be a grab.
     """
     contents = _contents(model)
     turn = np.eye(4)
@@ -330,9 +330,9 @@ def _piece(shape: Shape, vertices: Array, materials: ShapeMaterials) -> Piece | 
 
 
 def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.bool_]]:
-    """Give the steel of a mesh, whether all of it is closed, and which faces look outwards, where that is known.
+    """Return the steel of a mesh, whether all of it is closed, and which faces look outwards, if known.
 
-    Pieces that touch nowhere are judged each by itself.
+    Separate pieces are judged one by one.
     """
     labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
     outwards, solids, closed = np.ones(len(mesh.faces), bool), [], True

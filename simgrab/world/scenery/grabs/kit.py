@@ -1,4 +1,4 @@
-"""What parametric grabs have in common: proportions, pieces of steel, and how bodies become a design."""
+"""Common parts of parametric grabs: proportions, pieces of steel, and assembling bodies into a design."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Scale:
 
     @property
     def mean(self) -> float:
-        """Metres a unit of what stays round."""
+        """Metres a unit for round parts."""
         return float(np.cbrt(self.x * self.y * self.z))
 
 
@@ -65,7 +65,7 @@ def body(
     *,
     slides: bool = False,
 ) -> Body:
-    """Make a body of parts that are given where they are in the closed grab; ``pin`` is in the parent's frame."""
+    """Make a body of parts in their places of the closed grab; ``pin`` is in the parent's frame."""
     mass = STEEL_KG_M3 * MASS_FACTOR * sum(float(part.mesh.volume) for part in parts)
     return Body(name, mass, parts, parent, pin, axis, slides=slides)
 
@@ -80,9 +80,9 @@ def hinged(
     ----------
     name, parent : str
     parts : sequence of Part
-        Where they are in the closed grab, at azimuth 0.
+        Parts in their places of the closed grab, at azimuth 0.
     azimuth : float
-        To which they are turned about z, rad.
+        Azimuth to which the parts are turned about z, rad.
     pin, origin : tuple of 2 floats
         The pin (r, z) at azimuth 0, m: in the parent's frame, and in the closed grab.
     """
@@ -121,7 +121,7 @@ def standing(
 ) -> Design:
     """Make a design of bodies that stand on z = 0, the head first: A comes to half the height of the closed grab.
 
-    Heights of the head, of what is pinned to it, of terminations, ends of falls in the head and heaps are above z = 0.
+    Heights of the head, its pins, terminations, ends of falls in the head and heaps are above z = 0.
     ``between`` names the bodies in whose frames falls end; ``leads`` go from the head to the first of them.
     """
     falls = np.zeros((0, 2, 3)) if falls is None else falls
@@ -162,7 +162,7 @@ def widest(positions: Callable[[float], object], most: float) -> float:
 
 
 def ends(count: int, half_x: float, half_y: float, z: float) -> Array:
-    """Return where 1, 2 or 4 ropes end, shape (count, 3)."""
+    """Return the ends of 1, 2 or 4 ropes, shape (count, 3)."""
     at = {
         1: [(0.0, 0.0)],
         2: [(0.0, half_y), (0.0, -half_y)],
@@ -172,7 +172,7 @@ def ends(count: int, half_x: float, half_y: float, z: float) -> Array:
 
 
 def closing(count: int) -> tuple[int, ...]:
-    """Return which of the ropes close the jaws: none of one, the second of two, every other of four."""
+    """Return the indices of the closing ropes: none of one, the second of two, every other of four."""
     return tuple(range(1, count, 2))
 
 
@@ -208,7 +208,7 @@ def guide(end: Array, height: float) -> trimesh.Trimesh:
 
 
 def holders(ends: Array, roped: bool, guide_m: float, socket_m: float) -> list[Part]:
-    """Return what several ropes end in: guides for those that close the jaws, if ropes do, and sockets."""
+    """Return the fittings of several ropes: guides for closing ropes, if there are any, and sockets."""
     closes = closing(len(ends)) if roped else ()
     return [
         Part(f"guide_{i}", guide(end, guide_m), BARE.dark)
@@ -233,7 +233,7 @@ def cylinder_parts(
     ----------
     cylinder : Cylinder
     radius, collar_m : float
-        Of the barrel, and how long its collar is, m.
+        Radius of the barrel, and how long its collar is, m.
     shares : tuple of 2 floats
         Longest barrel, by the shortest distance of the pins up to ``max_jaw``, and by the distance in the closed grab.
     *y : float
@@ -352,23 +352,23 @@ def strip(
 def access(
     keys: Shaped, corners: Sequence[tuple[float, float]], z: float, rail_m: float, at: tuple[float, float, float]
 ) -> list[Part]:
-    """Return a rail round the corners (x, y) of a deck, and a ladder at ``at``: y, low and high, where keys want them.
+    """Return a rail round the corners (x, y) of a deck, and a ladder, if the keys ask for them.
 
-    Heights are in m.
+    ``at`` is y, low and high. Heights are in m.
     """
     parts = [Part("rail", rail(corners, z, rail_m), BARE.hazard)] if keys.guards else []
     return [*parts, Part("ladder", ladder(0.0, 0.17, *at), BARE.hazard)] if keys.ladder else parts
 
 
 def tips(stem: str, azimuths: Sequence[float], hinge: tuple[float, float]) -> dict[str, Array]:
-    """Return the tips of four tines, or of all three, each in its body's frame, shape (1, 3).
+    """Return the tips of the tines, at most four, each in its body's frame, shape (1, 3).
 
     Parameters
     ----------
     stem : str
         Bodies are called ``stem_0``, ``stem_1`` ….
     azimuths : sequence of float
-        Of all tines, rad.
+        Azimuths of all tines, rad.
     hinge : tuple of 2 floats
         In the closed grab, (r, z), m.
     """
@@ -393,10 +393,10 @@ def petal(
     inner, outer : float
         Offsets to the right-hand side, seen along the line, m.
     half_angle : callable
-        From the line's radii and the heights of the offset line, both of shape (n, 1), to half of the angle that the
-        plate covers there, rad.
+        Returns half of the angle that the plate covers, rad, from the line's radii and the heights of the offset line,
+        both of shape (n, 1).
     around : ndarray, shape (m,)
-        Where the plate has points, in shares of that angle.
+        Positions of the plate's points, in shares of that angle.
     """
     grids = []
     for distance in (outer, inner):
@@ -408,7 +408,7 @@ def petal(
 
 
 def cargo_material(cargo: str) -> Material:
-    """Return a cargo's material; raises `ValueError` for one that is not known."""
+    """Return a cargo's material; raises `ValueError` for an unknown cargo."""
     if cargo not in LUMPS_M:
         raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(LUMPS_M))}")
     return Material(f"grab_{cargo}", texture=textures.load(cargo), tile_m=1.4, specular=0.05, shininess=0.1)
@@ -424,17 +424,17 @@ def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDAr
 
 
 def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float], tuple[Array, ...]]) -> Heaps:
-    """Return what makes heaps of cargo in closed jaws.
+    """Return the function that makes heaps of cargo in closed jaws.
 
     Parameters
     ----------
     inside : ndarray, shape (n, 2)
-        Of the jaws from lip to rim, (r, z), m.
+        Inside of the jaws from lip to rim, (r, z), m.
     clearance : float
         Between heap and jaws, m.
     form : callable
-        From a fill to arrays of a grid's shape: its points' x and y, m, their distances r from the axis or the closing
-        line, the height of the smooth heap, m, and the share of its roughness.
+        Returns, for a fill, arrays of a grid's shape: its points' x and y, m, their distances r from the axis or the
+        closing line, the height of the smooth heap, m, and the share of its roughness.
     """
     reach, heights = np.maximum.accumulate(inside[:, 0]) - clearance, np.maximum.accumulate(inside[:, 1])
 

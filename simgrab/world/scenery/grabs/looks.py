@@ -1,4 +1,4 @@
-"""Materials of a user's own grab, from what its file shows."""
+"""Materials of a user's own grab, from its file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ShapeMaterials:
     painted : bool
         Whether the file's colours are left out.
     refuse : callable
-        From a message to the error that is raised, for textures that cannot be read or are too large.
+        Makes the error to raise from a message, for textures that cannot be read or are too large.
     """
 
     def __init__(self, refuse: Callable[[str], SimgrabError], *, painted: bool) -> None:
@@ -42,7 +42,7 @@ class ShapeMaterials:
         self._textures: dict[bytes, Texture] = {}
 
     def of(self, shape: Shape) -> Iterator[MaterialFaces]:
-        """Give which faces have which material, and texture coordinates of the vertices."""
+        """Return the faces of each material, and texture coordinates of the vertices."""
         every, surface = np.ones(len(shape.faces), bool), shape.surface or FileMaterial()
         if self._painted or (shape.surface is None and shape.colours is None):
             yield every, BARE.body, None
@@ -69,7 +69,7 @@ class ShapeMaterials:
         return self._made[key]
 
     def _texture(self, picture: bytes) -> Texture:
-        """Decode a picture; refuses one that is too large before that, by its header."""
+        """Decode a picture; one that is too large is refused by its header, before decoding."""
         digest = hashlib.sha256(picture).digest()
         if digest in self._textures:
             return self._textures[digest]

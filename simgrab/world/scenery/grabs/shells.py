@@ -1,4 +1,4 @@
-"""Two shells that meet at lips, of any size and profile: what clamshell and scissors grabs dig with.
+"""Two shells that meet at lips, of any size and profile, as clamshell and scissors grabs have them.
 
 All is drawn closed, with the lips at z = 0; the outer shell is at +x.
 """
@@ -37,7 +37,7 @@ class Shells:
     ----------
     keys : Clamshell or Scissors
     hinge : tuple of 2 floats
-        What the outer shell turns about, (x, z), in units of its proportions.
+        Axis about which the outer shell turns, (x, z), in units of its proportions.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class Shells:
         return {"shell_outer": outer, "shell_inner": (outer * (-1.0, -1.0, 1.0))[::-1]}
 
     def heaps(self) -> Heaps:
-        """Return what makes heaps in the closed shells."""
+        """Return the function that makes heaps in the closed shells."""
         top = float(self.curve[-1, 1])
         half_y = self.half_y - self.plate - _CLEARANCE_M
         u, v = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 37), indexing="ij")
@@ -188,6 +188,6 @@ class Shells:
 
 
 def polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    """Give the parts of a shape that have an area."""
+    """Return the parts of a shape that have an area."""
     parts = getattr(shape, "geoms", [shape])
     return [part for part in parts if isinstance(part, shapely.Polygon) and part.area > 1e-6]

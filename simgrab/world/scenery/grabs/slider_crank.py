@@ -1,4 +1,4 @@
-"""How jaws move that hang on a sliding beam and on arms: a slider-crank on either side, in closed form.
+"""Motion of jaws that hang on a sliding beam and on arms: a slider-crank on either side, in closed form.
 
 The ropes hold the head. The beam slides below it along z; each jaw turns about a pin in the beam, and an arm, pinned to
 the head and to the jaw, keeps its length. Opening therefore moves the beam.
@@ -17,7 +17,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class LinkageState:
-    """Where the moving bodies are.
+    """Positions of the moving bodies.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class SliderCrank:
 
     @cached_property
     def _arm(self) -> tuple[float, float]:
-        """From the head's pin to the jaw's, closed."""
+        """Vector from the head's pin to the jaw's, closed."""
         (hx, hz), (ax, az), (x, z) = self.hinge, self.head_pin, self.jaw_pin
         return hx + x - ax, hz + z - az
 
@@ -67,7 +67,7 @@ class SliderCrank:
         Raises
         ------
         ValueError
-            If the arm is too short for it.
+            If the arm is too short for this opening.
         """
         c, s = np.cos(jaw), np.sin(jaw)
         x, z = self.jaw_pin
@@ -87,7 +87,7 @@ class Cylinder:
     Attributes
     ----------
     hinge, head_pin, jaw_pin : tuple of 2 floats
-        As `SliderCrank` has them.
+        As for `SliderCrank`.
     """
 
     hinge: tuple[float, float]
@@ -95,7 +95,7 @@ class Cylinder:
     jaw_pin: tuple[float, float]
 
     def _span(self, jaw: float) -> tuple[float, float]:
-        """From the head's pin to the jaw's."""
+        """Vector from the head's pin to the jaw's."""
         c, s = np.cos(jaw), np.sin(jaw)
         (hx, hz), (ax, az), (x, z) = self.hinge, self.head_pin, self.jaw_pin
         return float(hx + x * c - z * s - ax), float(hz + x * s + z * c - az)
@@ -110,5 +110,5 @@ class Cylinder:
         return float(np.arctan2(x0, -z0) - np.arctan2(x, -z))
 
     def at(self, jaw: float) -> tuple[float, float]:
-        """Turn of the cylinder about +y from closed, rad, and how much it has been extended, m."""
+        """Turn of the cylinder about +y from closed, rad, and its extension, m."""
         return self.turn(jaw), self.length_m(jaw) - self.length_m(0.0)

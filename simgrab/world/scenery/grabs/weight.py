@@ -1,4 +1,4 @@
-"""What a grab weighs and how it resists being turned, for any opening of the jaws and any load."""
+"""Mass and moments of inertia of a grab, for any opening of the jaws and any load."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Mass(NamedTuple):
 
 @dataclass(frozen=True)
 class Weight:
-    """Mass properties between openings and fills at which they are known. What is off the axes is left out.
+    """Mass properties, interpolated between known openings and fills. Offsets from the axes are neglected.
 
     Attributes
     ----------
     empty_kg, cargo_kg : float
-        Of the empty grab, and of a full load.
+        Mass of the empty grab, and of a full load.
     jaws : sequence of rows
         Opening, rad; height of the empty grab's centre of mass, m; moments of inertia about it, kg m².
     loads : sequence of rows
@@ -44,7 +44,7 @@ class Weight:
     loads: Sequence[Row]
 
     def at(self, jaw: float, load: float) -> Mass:
-        """Interpolate for an opening, rad, and a fill, 0 to 1."""
+        """Interpolate the mass for an opening, rad, and a fill, 0 to 1."""
         own_z, *own = _between(jaw, self.jaws)
         cargo_z, *shape = _between(load, self.loads) if self.loads else (0.0, 0.0, 0.0, 0.0)
         cargo = self.cargo_kg * load
@@ -60,7 +60,7 @@ def weighed(
     heaps: Mapping[float, trimesh.Trimesh],
     cargo_kg: float,
 ) -> Weight:
-    """Work out mass properties.
+    """Compute mass properties.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _together(solids: Sequence[tuple[trimesh.Trimesh, Array]]) -> tuple[float, A
 
 
 def _between(value: float, nodes: Sequence[Row]) -> Sequence[float]:
-    """Interpolate linearly between rows that begin with their abscissa; beyond the ends the last row holds."""
+    """Interpolate linearly between rows that begin with their abscissa; beyond the ends the last row applies."""
     if len(nodes) == 1:
         return nodes[0][1:]
     value = min(max(value, nodes[0][0]), nodes[-1][0])

@@ -1,4 +1,4 @@
-"""What people and instruments need at the jib head: platform, hand rails, camera bracket, floodlights. Jib frame."""
+"""Equipment of the jib head: platform, hand rails, camera bracket, floodlights. Jib frame."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def platform_grating() -> trimesh.Trimesh:
 
 
 def bracket() -> trimesh.Trimesh:
-    """Return the bracket under the outer cheek plate that the camera hangs from."""
+    """Return the camera's bracket under the outer cheek plate."""
     plate = block((-0.10, 0.622, 0.10), (0.10, 0.634, 0.42), 0.003)
     shelf = block((-0.09, 0.56, 0.055), (0.09, 0.634, 0.067), 0.003)
     knee = prism(shapely.Polygon([(0.63, 0.06), (0.63, 0.16), (0.575, 0.066)]), -0.006, 0.006, "x")

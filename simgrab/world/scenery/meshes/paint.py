@@ -77,13 +77,13 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     paint : tuple of 3 floats
         Red, green and blue in [0, 1].
     wear : float
-        Share of the paint that is lost, in [0, 1]; the shells lose more of it towards their lips.
+        Share of the paint that is worn off, in [0, 1]; on the shells it grows towards the lips.
     residue : float
-        How much dust of the cargo lies on the steel, in [0, 1].
+        Amount of cargo dust on the steel, in [0, 1].
     cargo : str
         "coal", "ore", "grain", "bauxite" or "sulphur".
     rng : numpy.random.Generator
-        Shifts the masks, so that no two grabs are worn alike.
+        Generator that shifts the masks, so that wear differs between grabs.
 
     Returns
     -------
@@ -147,7 +147,7 @@ class _Dust:
 
 
 def _worn(painted: Picture, lost: Picture, wear: Picture, rust: Picture, bright: Picture) -> Picture:
-    """Lay paint over steel: the share ``wear`` of it is gone; what went first is bright, the rest has rusted."""
+    """Lay paint over steel except a share ``wear``, where steel is bright if worn first, and rusted elsewhere."""
     bare = _step(lost, wear, 0.03, below=True)
     faded = _step(lost, wear + 0.06, 0.06, below=True)[..., None]  # rust creeps under the edge and stains
     scoured = np.clip((wear - 0.45) / 0.4, 0.0, 1.0) * _step(lost, 0.8 * wear, 0.3, below=True)
@@ -182,7 +182,7 @@ def _plate() -> Picture:
 
 @cache
 def _picture(name: str) -> Picture:
-    """Give a bundled texture, in [0, 1]; not to be written to."""
+    """Return a bundled texture, in [0, 1]; do not write to it."""
     image = textures.load(name)
     if image.shape[:2] != (_SIZE, _SIZE):
         image = np.asarray(cv2.resize(image, (_SIZE, _SIZE), interpolation=cv2.INTER_AREA), np.uint8)

@@ -1,4 +1,4 @@
-"""A part: one watertight shape with its material, and how it becomes a MuJoCo mesh."""
+"""A part: one watertight shape with its material, and its conversion to a MuJoCo mesh."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ CREASE_ANGLE = np.radians(35.0)  # edges sharper than this keep their facets
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """How a surface looks under MuJoCo's classic renderer.
+    """Look of a surface in MuJoCo's classic renderer.
 
     Attributes
     ----------
     name : str
         Unique within a model.
     rgba : tuple of 4 floats
-        Colour, multiplied with the texture where there is one.
+        Colour, multiplied with the texture, if any.
     texture : ndarray, shape (H, W, 3), uint8, or None
         Repeats; its first row is the top of the picture (v = 1). Or a function that paints it, see `picture`, and
         gives the same array each time.
@@ -46,7 +46,7 @@ class Material:
 
     @property
     def picture(self) -> Texture | None:
-        """The texture. It is painted when first asked for: shapes alone, such as a LiDAR sees, take little time."""
+        """The texture. It is painted on first use, so that shapes alone, as a LiDAR needs them, take little time."""
         return self.texture() if callable(self.texture) else self.texture
 
 

@@ -1,4 +1,4 @@
-"""The ropes: where they leave the jib head, and what a piece of one looks like."""
+"""The ropes: their exits at the jib head, and the mesh of a piece of rope."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Ropes:
     Attributes
     ----------
     exits : tuple of n tuples of 3 floats
-        Where they leave their sheaves, jib frame, m, in the order of the grab's terminations (seen from above
+        Points at which they leave their sheaves, jib frame, m, in the order of the grab's terminations (seen from above
         counter-clockwise from +x, +y). Their centroid is O.
     radius_m : float
     """
@@ -37,7 +37,7 @@ class Ropes:
 
     @classmethod
     def of(cls, jib: Jib, count: int) -> Ropes:
-        """Return so many ropes, 1, 2 or 4, of a jib."""
+        """Return the 1, 2 or 4 ropes of a jib."""
         x, y = jib.rope_spread_x_m / 2, jib.rope_spread_y_m / 2
         inner = round(y - STAGGER_M, 9)
         exits = {
@@ -56,7 +56,7 @@ def rope_part(length: float, name: str, radius: float) -> Part:
     length : float
         Metres.
     name : str
-        Of the part.
+        Name of the part.
     radius : float
         Metres.
 

@@ -28,7 +28,7 @@ def prism(polygon: shapely.Polygon, low: float, high: float, axis: Axis = "y") -
 
 
 def solid(vertices: ArrayLike, faces: ArrayLike) -> trimesh.Trimesh:
-    """Return a mesh whose vertices stay as they are: none merged, none dropped."""
+    """Return a mesh whose vertices stay unchanged: none merged, none dropped."""
     return trimesh.Trimesh(np.asarray(vertices, float), np.asarray(faces), process=False)
 
 

@@ -9,11 +9,11 @@ _READERS = {"glb": gltf.read, "gltf": gltf.read, "obj": obj.read, "ply": ply.rea
 
 
 def read(model: ModelFile, refuse: Refuse) -> Contents:
-    """Read what a model shows.
+    """Read the visible content of a model.
 
     Raises
     ------
     SimgrabError
-        By ``refuse``, for what its format does not allow and for what it needs and is not supported.
+        Made by ``refuse``, for violations of the format and for required features that are not supported.
     """
     return _READERS[model.format](model, refuse)

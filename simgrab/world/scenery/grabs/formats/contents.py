@@ -1,4 +1,4 @@
-"""What a model's file shows, whatever its format."""
+"""Visible content of a model's file, for every format."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ class Shape:
     Attributes
     ----------
     nodes : tuple of str
-        Names of the node and of all above it.
+        Names of the node and of all its ancestors.
     vertices : ndarray, shape (n, 3)
         In the file's unit and axes, before ``pose``.
     faces : ndarray, shape (m, 3)
     surface : FileMaterial or None
-        None where the file has no colour for it.
+        None if the file gives it no colour.
     uv : ndarray, shape (n, 2), or None
         Texture coordinates; v = 1 is the top of the picture.
     colours : ndarray, shape (m, 3), or None
         Display values (sRGB) of the faces, in [0, 1], instead of the surface's ``rgb``.
     pose : ndarray, shape (4, 4)
-        From the node's frame to the file's.
+        Pose of the node's frame in the file's.
     """
 
     nodes: tuple[str, ...]
@@ -65,17 +65,17 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """All that a file shows, and what of it is not shown.
+    """The content of a file, with notes on parts that are not shown.
 
     Attributes
     ----------
     shapes : tuple of Shape
     doubts : tuple of str
-        What is not shown as the file means it, each with its cure; sentences.
+        Sentences on content that is shown otherwise than the file means it, each with a remedy.
     unread : tuple of str
-        What is left out and changes nothing that is seen.
+        Content that is left out without visible effect.
     unit : str
-        That the file states in words; empty where it states none.
+        Unit that the file states in words; empty if it states none.
     """
 
     shapes: tuple[Shape, ...]

@@ -56,7 +56,7 @@ class _Buffers:
         self._wholes: dict[int, memoryview] = {}
 
     def read(self, index: int, widths: tuple[int, ...], count: int | None = None) -> NDArray[Any]:
-        """Read an accessor, shape (n, width), with integers that stand for fractions as such.
+        """Read an accessor, shape (n, width); normalized integers become fractions.
 
         Refuses one of another width, or of another count.
         """
@@ -89,7 +89,7 @@ class _Buffers:
         data = self.view(place["bufferView"])
         stride, first = view.get("byteStride") or kind.itemsize * width, place.get("byteOffset", 0)
         if count and not 0 <= first <= len(data) - (count - 1) * stride - kind.itemsize * width:
-            raise self._refuse("an accessor reaches beyond its buffer: it is truncated or damaged")
+            raise self._refuse("an accessor reaches beyond its buffer: it is cut off or damaged")
         return np.ndarray((count, width), kind, data, first, (stride, kind.itemsize)).copy()
 
     def view(self, index: int) -> memoryview:
@@ -97,7 +97,7 @@ class _Buffers:
         view = self._content["bufferViews"][index]
         whole, first = self._whole(view["buffer"], view), view.get("byteOffset", 0)
         if not 0 <= first <= len(whole) - view["byteLength"]:
-            raise self._refuse("a buffer view reaches beyond its buffer: it is truncated or damaged")
+            raise self._refuse("a buffer view reaches beyond its buffer: it is cut off or damaged")
         return whole[first : first + view["byteLength"]]
 
     def _whole(self, number: int, view: Mapping[str, Any]) -> memoryview:
@@ -118,7 +118,7 @@ class _Buffers:
         return self._wholes.setdefault(number, whole)
 
     def picture(self, index: int) -> bytes | None:
-        """Give the file of an image; None where it is not there."""
+        """Return the file of an image; None if it is missing."""
         image = self._content["images"][index]
         if "bufferView" in image:
             return bytes(self.view(image["bufferView"]))
@@ -141,7 +141,7 @@ class _Scene:
         self._doubts, self._unread = materials.doubts, materials.unread
 
     def contents(self) -> Contents:
-        """Give all shapes, and what is not shown."""
+        """Return all shapes, and notes on content that is not shown."""
         shown_nodes = list(self._walk())
         poses = {number: pose for number, pose, _ in shown_nodes}
         shapes: list[Shape] = []
@@ -164,7 +164,7 @@ class _Scene:
         return Contents(tuple(shapes), (*doubts, *self._doubts), tuple(dict.fromkeys([*unread, *self._unread])))
 
     def _walk(self) -> Iterator[tuple[int, Array, tuple[str, ...]]]:
-        """Give the shown nodes by their numbers, with their poses and the names of all above them."""
+        """Yield the shown nodes' numbers, with their poses and the names of all ancestors."""
         waiting: list[tuple[int, Array, tuple[str, ...]]] = [(number, np.eye(4), ()) for number in self._roots()]
         seen = set[int]()
         while waiting:
@@ -274,7 +274,7 @@ class _Scene:
     def _skinned(
         self, primitive: Mapping[str, Any], vertices: Array, skin: Mapping[str, Any], poses: Mapping[int, Array]
     ) -> Array:
-        """Place vertices by the joints, as they stand in the file's rest pose."""
+        """Place vertices by the joints in the file's rest pose."""
         joints = np.stack([poses.get(number, np.eye(4)) for number in skin["joints"]])
         if "inverseBindMatrices" in skin:
             bound = self._buffers.read(skin["inverseBindMatrices"], (16,))[: len(joints)].reshape(-1, 4, 4)
@@ -298,7 +298,7 @@ def _extension(entry: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def _pose(node: Mapping[str, Any]) -> Array:
-    """Give the pose of a node within that above it."""
+    """Return the pose of a node in its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], float).reshape(4, 4).T
     pose = np.eye(4)
@@ -311,7 +311,7 @@ def _pose(node: Mapping[str, Any]) -> Array:
 
 
 def _unique(names: list[str]) -> list[str]:
-    """Give every node a name of its own; the first of several keeps it."""
+    """Give every node a unique name; the first of several equal ones keeps it."""
     taken, found = set(names), list[str]()
     seen = set[str]()
     for name in names:

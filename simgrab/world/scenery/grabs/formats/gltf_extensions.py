@@ -1,4 +1,4 @@
-"""What becomes of the extensions of glTF: those of Khronos's registry, and those that are found in files."""
+"""Treatment of glTF's extensions: those of Khronos's registry, and others found in files."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ DOUBTS: Mapping[str, str] = {
 
 
 def required(needed: object) -> list[str]:
-    """Give those of a list of required extensions without which the shape would be wrong, or all that is unknown."""
+    """Return the required extensions without which the shape would be wrong, and unknown ones."""
     shading = ("KHR_materials_", "KHR_lights_", "KHR_xmp")
     names = _listed(needed)
     return [name for name in names if name not in READ and not _UNREAD.fullmatch(name) and not name.startswith(shading)]

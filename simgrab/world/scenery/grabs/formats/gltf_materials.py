@@ -23,7 +23,7 @@ _OTHER_TEXTURES = ("normalTexture", "occlusionTexture", "metallicRoughnessTextur
 
 @dataclass(frozen=True, eq=False)
 class GltfMaterial:
-    """A material, and how it uses texture coordinates.
+    """A material, and its use of texture coordinates.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class GltfMaterial:
     factor : ndarray, shape (3,)
         Linear.
     uv_set : int
-        Of ``TEXCOORD_n``.
+        Number of ``TEXCOORD_n``.
     transform : ndarray, shape (2, 3)
-        Of texture coordinates whose v points down.
+        Transform of texture coordinates whose v points down.
     blends : bool
-        Whether alpha is not ignored.
+        Whether alpha is used.
     """
 
     surface: FileMaterial
@@ -45,7 +45,7 @@ class GltfMaterial:
     blends: bool
 
     def placed(self, uv: Array) -> Array:
-        """Turn texture coordinates of the file, shape (n, 2), into ours, whose v points up."""
+        """Convert texture coordinates of the file, shape (n, 2), to simgrab's, whose v points up."""
         moved = uv @ self.transform[:, :2].T + self.transform[:, 2]
         return np.stack([moved[:, 0], 1.0 - moved[:, 1]], axis=1)
 
@@ -59,7 +59,7 @@ class Materials:
     content : mapping
         The file's JSON.
     picture : callable
-        From the number of an image to its file; None where it is not there.
+        Returns an image's file by its number; None if it is missing.
     doubts, unread : dict
         Sentences on what is not shown, and names of what is left out, as keys in order.
     """
@@ -132,7 +132,7 @@ def _has_alpha(picture: bytes) -> bool:
 
 
 def _placement(texture: Mapping[str, Any]) -> tuple[int, Array]:
-    """Give the set of texture coordinates, and how they are moved (KHR_texture_transform)."""
+    """Return the set of texture coordinates, and their transform (KHR_texture_transform)."""
     moved = texture.get("extensions", {}).get("KHR_texture_transform", {})
     angle = float(moved.get("rotation", 0.0))
     cosine, sine = math.cos(angle), math.sin(angle)

@@ -205,7 +205,7 @@ def _columns(data: bytes, place: int, count: int, types: list[list[np.dtype[Any]
                 length = int(np.frombuffer(data, counted, 1, place)[0])
                 place += counted.itemsize
             if length < 0:
-                raise ValueError("a list of no length")
+                raise ValueError("a list of negative length")
             column.append(np.frombuffer(data, kind, length, place))
             place += length * kind.itemsize
     return [

@@ -24,21 +24,21 @@ def check(sizes: Faces, refuse: Refuse) -> None:
 
 
 def triangles(points: Array, sizes: Faces) -> tuple[Faces, Faces]:
-    """Split polygons into triangles that lie within them, concave ones too.
+    """Split polygons, convex or concave, into triangles inside them.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
         Corners of all polygons, one polygon after the other.
     sizes : ndarray of int, shape (p,)
-        How many corners each has; polygons of fewer than three are left out.
+        Number of corners of each polygon; polygons with fewer than three are left out.
 
     Returns
     -------
     corners : ndarray of int, shape (m, 3)
         Rows of ``points``, polygon by polygon.
     polygons : ndarray of int, shape (m,)
-        Which polygon each triangle is of.
+        Index of each triangle's polygon.
     """
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     corners, owners = [], []

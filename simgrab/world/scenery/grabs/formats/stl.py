@@ -33,7 +33,7 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
         found.setdefault(name.strip() or "geometry_0", []).extend(_VERTEX.findall(body))
     facets_stated = len(re.findall(r"(?i)\bfacet\s+normal\b", text))
     if sum(map(len, found.values())) != 3 * facets_stated or any(len(corners) % 3 for corners in found.values()):
-        raise refuse("has facets without three vertices, or outside of a solid: it is truncated or damaged")
+        raise refuse("has facets without three vertices, or outside of a solid: it is cut off or damaged")
     shapes = [_shape(name, np.array(corners, float), None) for name, corners in found.items() if corners]
     return Contents(tuple(shapes))
 
