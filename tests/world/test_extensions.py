@@ -92,7 +92,7 @@ def test_a_dataset_is_resumed_and_audited_with_the_same_functions_alone(made):
     with pytest.raises(DatasetError, match="another dataset"):
         simgrab.render(SCENE, made, resume=True)
     assert simgrab.render(SCENE, made, resume=True, **FUNCTIONS).made == 0
-    with pytest.raises(ExtensionError, match=r"functions of a user \(randomiser world.user_functions:sunny_or_grey"):
+    with pytest.raises(ExtensionError, match=r"a user's functions \(randomiser world.user_functions:sunny_or_grey"):
         simgrab.audit(made)
     assert [proof.findings for proof in simgrab.audit(made, **FUNCTIONS).proofs if proof.status == "failed"] == []
 
