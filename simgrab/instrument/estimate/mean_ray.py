@@ -13,12 +13,16 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
 
+_LEAST = 1e-16  # of 1 − R̄², which rounds to 0 if all rays are equal
+
+
 @dataclass(frozen=True)
 class MeanRay(FrameEstimator):
     """Spherical mean of the rays: the most likely direction of von Mises–Fisher rays (Mardia & Jupp 2000, 10.3.1).
 
-    Unbiased if the swing has no preferred side. The paper's iteration is, to small angles, this mean projected on
-    its 0-degree line. Diagnostics: ``kappa``, the concentration by Banerjee et al. (2005), eq. 4.4.
+    The estimate is unbiased if swings to opposite sides are equally likely. For small angles, the paper's iteration
+    gives the projection of this mean on the line of zero direction. Diagnostics: ``kappa``, the concentration
+    R̄ (3 − R̄²) / (1 − R̄²) of Banerjee et al. (2005), eq. 4.4, with the mean's length R̄.
     """
 
     name: ClassVar[str] = "mean-ray"
@@ -27,7 +31,7 @@ class MeanRay(FrameEstimator):
         mean = frames.mean(frames.rays)
         length = np.linalg.norm(mean, axis=-1)
         beta, azimuth = tilt_of(mean)
-        kappa = length * (3 - length**2) / np.maximum(1 - length**2, 1e-16)
+        kappa = length * (3 - length**2) / np.maximum(1 - length**2, _LEAST)
         return Solution(
             reason=[""] * len(mean),
             beta=beta,
@@ -38,5 +42,22 @@ class MeanRay(FrameEstimator):
 
 
 def mean_influence(frames: Frames, beta: Array, azimuth: Array, length: Array) -> Array:
-    """Influence of each frame on the spherical mean, along and across the tilt, shape (M, 2, n)."""
+    """Influence of each frame on the spherical mean, along and across the tilt.
+
+    A ray r moves the mean direction by its part across that direction, over the mean's length R̄.
+
+    Parameters
+    ----------
+    frames : Frames
+        M records of n frames.
+    beta, azimuth : ndarray, shape (M,)
+        Of the mean, rad.
+    length : ndarray, shape (M,)
+        R̄, from 0 to 1.
+
+    Returns
+    -------
+    ndarray, shape (M, 2, n)
+        rad.
+    """
     return tangent_basis(beta, azimuth)[:, :2] @ frames.rays / length[:, None, None]

@@ -57,7 +57,7 @@ class Pose:
         return Pose(np.swapaxes(self.rotation, -1, -2), self.local(np.zeros(3)))
 
     def apply(self, points: ArrayLike) -> Array:
-        """Express points (..., 3) of the inner frame in the outer one."""
+        """Express points (..., 3) of the inner frame in the outer one, R x + t; many poses pair with as many points."""
         if self.rotation.ndim == 2:
             return np.asarray(np.asarray(points, float) @ self.rotation.T + self.translation)
         return np.einsum("...ij,...j->...i", self.rotation, np.asarray(points, float)) + self.translation

@@ -13,7 +13,9 @@ from simgrab.world.trajectory.hanging import hung
 from simgrab.world.trajectory.moment import GrabState, JibState, Moment, Tilt
 
 State = TypeVar("State", GrabState, JibState, Tilt)
-_TURN = (-1e3, 1e3)  # and any other number without bounds of its own
+_TURN = (-1e3, 1e3)  # bounds of angles, rad, and of accelerations, m/s²
+_OFF_TIME = 0.499  # of a frame's duration: a time must belong to its own frame
+_AHEAD_S = (1e-6, 1.0)  # of the moment ahead, after this one
 
 
 def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
@@ -22,7 +24,7 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
     Raises
     ------
     TypeError, ValueError, AttributeError
-        If it is not a moment, or is impossible.
+        If it is not a `Moment`, or a value in it is out of bounds.
     """
     if not isinstance(moment, Moment):
         raise TypeError(f"must return a Moment, got {type(moment).__name__}")
@@ -33,14 +35,14 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
     clip, rate = scenario.clip.of(frame), scenario.clip.frame_rate_hz
     if moment.time is not None:
         due = (frame - scenario.span(clip).start) / rate
-        _within("time", moment.time, due - 0.499 / rate, due + 0.499 / rate)
+        _within("time", moment.time, due - _OFF_TIME / rate, due + _OFF_TIME / rate)
     design = design_of(scenario.grab)
     now = _instant(moment, design, scenario.suspension)
     ahead = None
     if moment.ahead is not None:
         if now.time is None or moment.ahead.time is None:
             raise ValueError("a moment with ahead needs a time, and so does ahead itself")
-        _within("ahead.time", moment.ahead.time, now.time + 1e-6, now.time + 1.0)
+        _within("ahead.time", moment.ahead.time, *(now.time + after for after in _AHEAD_S))
         ahead = _instant(moment.ahead, design, scenario.suspension)
     return replace(
         now, frame=frame, clip=None if now.time is None else clip, present=bool(moment.present), ahead=ahead,
@@ -65,7 +67,7 @@ def _instant(moment: Moment, design: Design, suspension: Suspension) -> Moment:
     tilt = _bounded("tilt.", moment.tilt, beta=(0.0, math.pi / 2), azimuth=_TURN, roll=_TURN)
     jib = moment.jib and _bounded("jib.", moment.jib, slew=_TURN, radius=(0.1, 1e3), luffed=_TURN)
     x, y, z = (_within("apparent_gravity", value, *_TURN) for value in moment.apparent_gravity)
-    still = Moment.still(moment.frame, grab, tilt)  # gamma follows from the two azimuths
+    still = Moment.still(moment.frame, grab, tilt)  # which computes gamma from both azimuths
     time = None if moment.time is None else float(moment.time)
     return replace(still, time=time, jib=jib, apparent_gravity=(x, y, z))
 
