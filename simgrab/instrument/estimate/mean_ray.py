@@ -12,7 +12,6 @@ from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
-
 _LEAST = 1e-16  # of 1 − R̄², which rounds to 0 if all rays are equal
 
 
