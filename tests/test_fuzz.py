@@ -1,11 +1,23 @@
 import pytest
 from conftest import slow_but
 
-pytest.importorskip("onnx")
+from scripts.without_room import ROOMS
 
-from scripts import fuzz
-from scripts.fuzzing import corpus, documents, generators
-from scripts.fuzzing.watch import ACCEPTED, LIMIT, MESSAGE, REFUSED, SIGNAL, TRACEBACK, Limits, Watched
+for needed in ("onnx", *(f"simgrab.{room}" for room in ROOMS)):
+    pytest.importorskip(needed)
+
+from scripts import fuzz  # noqa: E402
+from scripts.fuzzing import corpus, documents, generators  # noqa: E402
+from scripts.fuzzing.watch import (  # noqa: E402
+    ACCEPTED,
+    LIMIT,
+    MESSAGE,
+    REFUSED,
+    SIGNAL,
+    TRACEBACK,
+    Limits,
+    Watched,
+)  # fmt: skip
 
 EXPECTED = {
     "accepted": (ACCEPTED, ""),

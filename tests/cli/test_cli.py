@@ -1,6 +1,6 @@
 import errno
 import functools
-import importlib
+import importlib.util
 import json
 import os
 import platform
@@ -387,7 +387,8 @@ def test_doctor_says_how_to_install_a_second_renderer(monkeypatch):
 
 def test_every_command_is_in_the_list_and_one_of_an_absent_room_is_none(monkeypatch):
     listed = run("--help")[1]
-    for verb in VERBS:
+    rooms = {verb: ".".join(where.split(".")[:2]) for verb, (where, _) in VERBS.items()}
+    for verb in (verb for verb, room in rooms.items() if importlib.util.find_spec(room)):
         assert f"  {verb} " in listed
         assert run(verb, "--help")[0] == 0
     monkeypatch.setitem(VERBS, "doctor", ("simgrab.no_such_room.doctor:command", "Gone."))

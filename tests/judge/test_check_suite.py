@@ -60,15 +60,15 @@ BAD = {
     "no scenes": ({"scenes": {}}, "a suite needs scenes"),
     "unknown scene": (scene(scene="quay-dya"), "scenes.calm: no scene or file 'quay-dya' (did you mean 'quay-day'?)"),
     "unknown change": (scene(changes={"camera.betta_deg": 1}), "scenes.calm: camera.betta_deg: unknown key"),
-    "seed as a change": (scene(changes={"seed": 1}), "set it as scenes.calm.seed or at the top of the suite"),
-    "frames as a change": ({"changes": {"frames": 1}}, "frames: set it as scenes.calm.frames"),
+    "seed as a change": (scene(changes={"seed": 1}), "set scenes.calm.seed or at the top of the suite instead"),
+    "frames as a change": ({"changes": {"frames": 1}}, "frames: set scenes.calm.frames instead"),
     "limit without ends": ({"limits": {"a": {"slack": 1}}}, "limits.a: a limit needs lower, upper or both"),
     "limit upside down": ({"limits": {"a": {"lower": 2, "upper": 1}}}, "limits.a: lower (2) must not be above upper"),
     "unknown metric": (
         {"limits": {"angle.overall.rmse_dge": {"upper": 1}}},
         "limits: no metric 'angle.overall.rmse_dge' (did you mean 'angle.overall.rmse_deg'?)",
     ),
-    "golden frame beyond": (scene(golden=[4]), "scenes.calm.golden: no frame 4 among 4"),
+    "golden frame beyond": (scene(golden=[4]), "scenes.calm.golden: there is no frame 4; the scene has 4"),
     "camera that varies": (scene(scene="training", frames=16), "scenes.calm: vary.camera"),
 }
 

@@ -413,7 +413,7 @@ def test_frames_leave_slivers_out(dataset):
     row = known.rows[0]
     sliver = msgspec.structs.replace(row, visible_fraction=0.05)
     empty = msgspec.structs.replace(row, box_x0_px=None, visible_fraction=0.0)
-    some = dataclasses.replace(known, rows=(row, sliver, empty))
+    some = known.with_rows((row, sliver, empty))
     assert [frame.labelled for frame in cache.frames([some], row.split)] == [True, False]
 
 

@@ -186,7 +186,7 @@ def test_torn_frames_are_left_out(dataset):
     def tear(row: Row):
         return msgspec.structs.replace(row, torn_row_px=30) if row.frame < 10 else row
 
-    torn = dataclasses.replace(found, rows=tuple(map(tear, found.rows)))
+    torn = found.with_rows(tuple(map(tear, found.rows)))
     kept = sum(row.split == "train" and row.frame >= 10 for row in found.rows)
     assert len(cells.gather([torn], "train", 0).weather) == kept
 

@@ -426,7 +426,7 @@ STL = {
     "names that hold keywords": (solid("my solid vertex normal") + solid("endsolid facet", 3.0),
                                  {"volume": 16} | nodes(("my solid vertex normal",), ("endsolid facet",))),
     "no end": (solid("a").replace("endsolid a\n", ""), CLOSED),
-    "cut within a facet": (solid("a")[:-90], "truncated or damaged"),
+    "cut within a facet": (solid("a")[:-90], "cut off or damaged"),
     "colours of VisCAM": (stl(attributes=0x8000 | 31 << 10), RED),
     "colours of Magics": (stl(b"COLOR=\x00\xff\x00\xff", 31), RED),
     "one colour of Magics": (stl(b"COLOR=\x00\xff\x00\xff", 0x8000), {"colours": {(0, 255, 0)}}),
@@ -555,7 +555,7 @@ GLTF = {
     "unknown, used": (extended("ACME_shape"), says("uses the extension 'ACME_shape', which is unknown")),
     "version 1": (simple(asset={"version": "1.0"}), "is of glTF '1.0'"),
     "index beyond": (call(Gltf.mode, 4, [0, 1, 8]), "a face names vertex 8 of 8"),
-    "accessor beyond": (lambda g: g.content["accessors"][0].update(byteOffset=40), "truncated or damaged"),
+    "accessor beyond": (lambda g: g.content["accessors"][0].update(byteOffset=40), "cut off or damaged"),
     "too few colours": (lambda g: g.attributes.update(COLOR_0=g.add(V[:3])), "has 3 values for 8 vertices"),
     "material that is not there": (lambda g: g.primitive.update(material=3), "not a valid GLB"),
 } | {

@@ -171,7 +171,7 @@ REFUSED = [
     ({"sensors": {f"s{i}": IMU for i in range(33)}}, "sensors: at most 32 sensors, got 33"),
     ({"sensors": [IMU]}, "sensors: must be a table, got [{"),
     ({"sensors.a": 3}, "sensors.a: must be a table such as { model = "),
-    ({"sensors.imu0": IMU, "swing": {"model": "iid"}}, 'sensors: independent frames have no motion to measure; swing.'),
+    ({"sensors.imu0": IMU, "swing": {"model": "iid"}}, "sensors: independent frames have no motion to measure; set"),
 ]  # fmt: skip
 
 

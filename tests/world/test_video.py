@@ -240,7 +240,7 @@ def test_no_video_is_overwritten(videos, rough):
 
 def test_a_strangers_file_is_no_clip(rough, tmp_path):
     (tmp_path / "swing-002.mp4").write_text("…")
-    with pytest.raises(DatasetError, match=r"swing-002\.mp4 is not of a video that simgrab made"):
+    with pytest.raises(DatasetError, match=r"swing-002\.mp4 does not belong to a video that simgrab made"):
         render_video(rough, tmp_path / "swing.mp4", resume=True)
     assert (tmp_path / "swing-002.mp4").read_text() == "…"
 
