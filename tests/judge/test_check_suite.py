@@ -82,6 +82,11 @@ def test_a_broken_suite_is_reported_by_key(case, tmp_path):
     assert "\n" not in str(problem.value)
 
 
+def test_a_scene_whose_name_no_file_can_have_is_refused(tmp_path):
+    with pytest.raises(SuiteError, match="cannot read .*: File name too long"):
+        suite.load(put(tmp_path, **scene(scene="x" * 5000)))
+
+
 def test_what_is_no_suite_is_refused(tmp_path):
     with pytest.raises(SuiteError, match="did you mean 'smoke'"):
         suite.load("smok")

@@ -11,7 +11,7 @@ import msgspec
 
 from simgrab.errors import ScenarioError, SuiteError
 from simgrab.io import resources
-from simgrab.io.parse import read_toml
+from simgrab.io.parse import is_file, read_toml
 from simgrab.io.resources import SCENES
 from simgrab.io.strict import Checked, convert
 from simgrab.judge.check.metrics import unknown
@@ -207,7 +207,7 @@ def load(suite: str | Path) -> Suite:
 def _placed(suite: Suite, folder: Path) -> Suite:
     """Resolve a path that a suite names relative to itself."""
     placed = {
-        name: _with(scene, scene=str(folder / scene.scene)) if (folder / scene.scene).is_file() else scene
+        name: _with(scene, scene=str(folder / scene.scene)) if is_file(folder / scene.scene, SuiteError) else scene
         for name, scene in suite.scenes.items()
     }
     baseline = folder / (suite.baseline or f"baselines/{suite.name}")
