@@ -83,7 +83,7 @@ def test_a_broken_suite_is_reported_by_key(case, tmp_path):
 
 
 def test_a_scene_whose_name_no_file_can_have_is_refused(tmp_path):
-    with pytest.raises(SuiteError, match="cannot read .*: File name too long"):
+    with pytest.raises(SuiteError, match=r"cannot read .*: File name too long"):
         suite.load(put(tmp_path, **scene(scene="x" * 5000)))
 
 
