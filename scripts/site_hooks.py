@@ -26,26 +26,27 @@ ROOT_PAGES = {
 ROOT_FILES = {"LICENSE": "LICENSE.txt", "CITATION.cff": "CITATION.cff"}
 # By heading: names of simgrab, and what their functions take and return.
 PYTHON = {
-    "Scenes": ["load", "scenes", "scenario.Scenario"],
+    "Scenes": ["load", "model.scenes", "model.scenario.Scenario"],
     "Frames": ["frames", "FrameDataset", "world.frames.Frame"],
     "Motion of your own": ["Moment", "GrabState", "JibState", "Tilt"],
     "Sensors": ["sensors"],
     "Datasets and videos": [
-        "render", "world.output.summary.Summary", "render_video", "world.output.summary.VideoSummary",
-        "open", "labels.datasets.Dataset", "labels.datasets.LabelledFrame",
+        "render", "dataset.summary.Summary", "render_video", "dataset.summary.VideoSummary",
+        "open", "dataset.datasets.Dataset", "dataset.datasets.LabelledFrame",
         "audit", "judge.audit.proof.Audit",
     ],
     "Measurement": [
         "detect", "instrument.detect.pictures.Detections", "run", "instrument.run.runs.Run",
-        "estimate", "records.estimates.Estimate", "instrument.contract.Measurement", "calibration", "layouts",
+        "estimate", "model.records.estimates.Estimate", "instrument.contract.Measurement",
+        "model.calibration", "model.layouts",
     ],
     "Evaluation": ["evaluate", "judge.evaluate.values.Evaluation", "check", "judge.check.report.Report"],
 }  # fmt: skip
-# Of modules; `simgrab.load` is `scenes.load`.
+# Of modules; `simgrab.load` is `model.scenes.load`.
 MEMBERS = {
-    "scenes": ["names", "manifest", "parse_changes", "parse_size", "resized"],
-    "calibration": ["load", "Calibration"],
-    "layouts": ["names", "load", "read", "Layout", "Clock"],
+    "model.scenes": ["names", "manifest", "parse_changes", "parse_size", "resized"],
+    "model.calibration": ["load", "Calibration"],
+    "model.layouts": ["names", "load", "read", "Layout", "Clock"],
 }
 
 
@@ -84,7 +85,7 @@ def _of_root(text: str) -> str:
 def python_page() -> str:
     """Return the reference of Python; every public name is in it."""
     named = {name for names in PYTHON.values() for name in names}
-    missing = set(simgrab.__all__) - named - {"__version__"}
+    missing = set(simgrab.__all__) - {name.removeprefix("model.") for name in named} - {"__version__"}
     assert not missing, f"add to PYTHON: {', '.join(sorted(missing))}"
     lines = ["# Python reference", "", "Angles are in radians and lengths in metres, unless a name says otherwise.", ""]
     for heading, names in PYTHON.items():
