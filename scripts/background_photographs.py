@@ -61,7 +61,7 @@ DEBIAN = {
             land/nasa4 land/nasa5 land/nasa6 land/nasa7 land/sea0 land/sea2 land/sea3 land/sky4 land/snow0 land/snow2
             land/snow7 land/space0 land/space1 land/space2 land/space3 land/space4 land/space5 land/space6
             land/space7 land/station0 land/station1 land/station2 land/station3 land/station4 land/valley6
-            land/water0 land/water3 land/water4 scene/army0 scene/engine scene/engine2 scene/loc0 scene/loc1
+            land/water0 land/water3 land/water4 scene/engine scene/engine2 scene/loc0 scene/loc1
             scene/loc2 scene/loc3 scene/loc4 scene/loc5 scene/loc6 scene/loc7 scene/loc8 scene/loc9""",
         BY_SA: """
             land/beach7-sfiera land/bwerner0 land/bwerner1 land/bwerner6 land/city13-sfiera land/city14-sfiera
@@ -237,7 +237,8 @@ def _resources(data: bytes) -> Iterator[tuple[str, bytes]]:
                 (length,) = struct.unpack_from(">I", data, contents + other)
                 yield name, data[contents + other + 4 :][:length]
 
-    yield from entries(*struct.unpack_from(">II", data, tree + 6)[::-1], "")
+    count, first = struct.unpack_from(">II", data, tree + 6)
+    yield from entries(first, count, "")
 
 
 def random_crop(picture: Picture, rng: np.random.Generator) -> Picture:
