@@ -61,13 +61,13 @@ DEBIAN = {
             land/nasa4 land/nasa5 land/nasa6 land/nasa7 land/sea0 land/sea2 land/sea3 land/sky4 land/snow0 land/snow2
             land/snow7 land/space0 land/space1 land/space2 land/space3 land/space4 land/space5 land/space6
             land/space7 land/station0 land/station1 land/station2 land/station3 land/station4 land/valley6
-            land/water0 land/water3 land/water4 scene/engine scene/engine2 scene/loc0 scene/loc1
-            scene/loc2 scene/loc3 scene/loc4 scene/loc5 scene/loc6 scene/loc7 scene/loc8 scene/loc9""",
+            land/water0 land/water3 land/water4 scene/engine scene/engine2 scene/loc0 scene/loc1 scene/loc2
+            scene/loc3 scene/loc4 scene/loc5 scene/loc6 scene/loc7 scene/loc8 scene/loc9""",
         BY_SA: """
             land/beach7-sfiera land/bwerner0 land/bwerner1 land/bwerner6 land/city13-sfiera land/city14-sfiera
             land/city15-sfiera land/city16-sfiera land/city17-sfiera land/city18-iridium land/dmottl3
-            land/fields10-sfiera land/industrial0-iridium land/mfield0 land/mfield1 land/mfield2 land/mfield3
-            land/myrabella0 land/myrabella4 land/sea10-sfiera""",
+            land/industrial0-iridium land/mfield0 land/mfield1 land/mfield2 land/mfield3 land/myrabella0
+            land/myrabella4 land/sea10-sfiera""",
     },
     ("gcompris-qt-data", "3.1-2"): {
         BY: """
