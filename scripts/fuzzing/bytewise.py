@@ -78,7 +78,8 @@ def _line(data: bytearray, rng: Random, others: Sequence[bytes]) -> None:
     """Remove, repeat or move a line, or take one from another file."""
     lines, foreign = bytes(data).splitlines(keepends=True), rng.choice(others).splitlines(keepends=True) or [b"\n"]
     at, to = rng.randrange(len(lines)), rng.randrange(len(lines) + 1)
-    lines[to:to] = rng.choice(([], [lines[at]], [lines[at]] * min(100, MOST_BYTES // len(lines[at])), [rng.choice(foreign)]))
+    often = min(100, MOST_BYTES // len(lines[at]))
+    lines[to:to] = rng.choice(([], [lines[at]], [lines[at]] * often, [rng.choice(foreign)]))
     if rng.random() < 0.5:
         del lines[at]
     data[:] = b"".join(lines)
