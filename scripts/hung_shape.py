@@ -146,9 +146,10 @@ def _fewer(meshes: Model, longest: float) -> Model:
 
 def _clustered(mesh: trimesh.Trimesh, cell: float) -> trimesh.Trimesh:
     """Put the vertices in each cell of a grid together in their mean."""
-    _, cluster, count = np.unique(np.round(mesh.vertices / cell), axis=0, return_inverse=True, return_counts=True)
-    sums = [np.bincount(cluster.ravel(), weights=mesh.vertices[:, k]) for k in range(3)]
-    fewer = trimesh.Trimesh(np.stack(sums, 1) / count[:, None], cluster.ravel()[mesh.faces], process=False)
+    cells = np.round((mesh.vertices - mesh.bounds[0]) / cell).astype(np.int64) @ [2**40, 2**20, 1]
+    _, cluster, count = np.unique(cells, return_inverse=True, return_counts=True)
+    sums = [np.bincount(cluster, weights=mesh.vertices[:, k]) for k in range(3)]
+    fewer = trimesh.Trimesh(np.stack(sums, 1) / count[:, None], cluster[mesh.faces], process=False)
     fewer.update_faces(fewer.nondegenerate_faces() & fewer.unique_faces())
     return fewer
 
