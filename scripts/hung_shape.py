@@ -137,7 +137,8 @@ def _fewer(meshes: Model, longest: float) -> Model:
     for step in (400, 200, 120, 70, 45):
         if sum(len(mesh.faces) for mesh in merged.values()) <= MOST_FACES:
             break
-        merged = {key: _clustered(mesh, longest / step) for key, mesh in merged.items()}
+        clustered = {key: _clustered(mesh, longest / step) for key, mesh in merged.items()}
+        merged = {key: mesh for key, mesh in clustered.items() if len(mesh.faces)}
     for key, mesh in merged.items():
         if key:
             paint(mesh, np.frombuffer(key))
