@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.instrument.run.figures import BLUE, GREY, RED
+from simgrab.instrument.run.figures import BLUE, GREY, RED, mark_lost
 from simgrab.instrument.run.runs import Run
 from simgrab.judge.evaluate.table import tables
 from simgrab.judge.evaluate.truths import Truths
@@ -36,6 +36,7 @@ def trace(run: Run, known: Truths) -> Figure:
     alpha, true = np.rad2deg(run.alpha), np.rad2deg(known.alpha)
     above.plot(at, true, color=GREY, label="true", rasterized=True, **(style | ({"lw": 2.2} if timed else {})))
     above.plot(at, alpha, color=BLUE, label="measured", rasterized=True, **style)
+    mark_lost(above, at, run)
     above.axhline(10, color=RED, lw=1, ls="--")
     above.set(ylabel="α (deg)", ylim=(0, None))
     above.legend(fontsize=8, loc="upper right")
