@@ -23,9 +23,9 @@ from simgrab.model.geometry import grab_centre, swing_of
 from simgrab.model.truth import Row
 from simgrab.reports import html
 
-_HEAD = ("figure", "", "value", "limit", "baseline (may be worse by)", "best constant answer", "last value")
+_HEAD = ("figure", "result", "value", "limit", "baseline (may be worse by)", "best constant answer", "last value")
 _WORST, _WITHOUT = 4, 2  # frames that are shown: of the largest errors, and without an angle
-_MEASURED = (0, 150, 255)  # BGR
+_MEASURED = (255, 60, 0)  # BGR: blue, as the measured angle in the figures
 _GOLDEN_WIDTH_PX = 1200
 _MEANINGS = {
     "angle.overall.rmse_deg": "root mean square error of the swing angle, degrees",
@@ -126,14 +126,25 @@ def _worst(trial: Trial) -> Iterator[tuple[bytes, str]]:
     """Draw the frames of the largest errors, and the first labelled ones without an angle, with a caption each."""
     if trial.run is None or trial.known is None:
         return
-    known, off = trial.known, np.abs(trial.run.alpha - trial.known.alpha)
-    without = np.flatnonzero(~np.isfinite(trial.run.alpha) & known.labelled)[:_WITHOUT]
-    worst = [i for i in np.argsort(-off) if np.isfinite(off[i])][:_WORST]  # NaN comes last
-    for i in (*worst, *without.tolist()):
-        row, measured = known.rows[i], trial.run.measurements[i]
+    run, known = trial.run, trial.known
+    off = np.abs(run.alpha - known.alpha)
+    worst = np.argsort(-off)[: np.isfinite(off).sum()]  # NaN comes last
+    without = np.flatnonzero(~np.isfinite(run.alpha) & known.labelled)
+    apart = 1 if run.time is None else max(len(off) // 10, 1)  # frames that follow each other look the same
+    for i in (*_spread(worst.tolist(), apart, _WORST), *_spread(without.tolist(), apart, _WITHOUT)):
+        row, measured = known.rows[i], run.measurements[i]
         if row is not None:
             picture = pictures.read(trial.dataset.image(row))[..., ::-1]
             yield pictures.encode(_annotated(picture, row, measured), "jpeg", 80), _caption(row, measured)
+
+
+def _spread(frames: Sequence[int], apart: int, most: int) -> list[int]:
+    """Choose the first frames that are so many apart."""
+    chosen: list[int] = []
+    for i in frames:
+        if len(chosen) < most and all(abs(i - other) >= apart for other in chosen):
+            chosen.append(i)
+    return chosen
 
 
 def _annotated(picture: Picture, row: Row, measured: Measurement) -> Picture:
@@ -145,7 +156,7 @@ def _annotated(picture: Picture, row: Row, measured: Measurement) -> Picture:
 
     if measured.box is not None:
         x0, y0, x1, y1 = measured.box
-        cv2.rectangle(tile, at(x0, y0), at(x1, y1), _MEASURED, 2, cv2.LINE_AA)
+        cv2.rectangle(tile, at(x0, y0), at(x1, y1), _MEASURED, 1, cv2.LINE_AA)
     if measured.centre is not None:
         cv2.drawMarker(tile, at(*measured.centre), _MEASURED, cv2.MARKER_CROSS, 18, 2, cv2.LINE_AA)
     if measured.alpha is not None:

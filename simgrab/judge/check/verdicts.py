@@ -93,7 +93,7 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
     value = metrics.get(metric)
     problems = []
     if value is None:
-        problems.append(_nothing(metric))
+        problems.append(_nothing(metric, metrics))
     else:
         if not limit.holds(value):
             problems.append(f"{value:.4g} is outside of {limit}")
@@ -107,6 +107,8 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
     )  # fmt: skip
 
 
-def _nothing(metric: str) -> str:
+def _nothing(metric: str, metrics: Metrics) -> str:
     """Return why there is no value."""
+    if metric.startswith(("angle.", "interval.")) and metrics.get("frames.ok") == 0:
+        return "no value: no frame has an angle"
     return unknown(metric) or "no value: the instrument did not output the field, or the scene has no such data"
