@@ -60,4 +60,6 @@ def command(
         click.echo(report.as_json(result))
     else:
         show(result, quiet=quiet)
+        if not (quiet and result.passed):
+            click.echo(f"page: {printable(place / report.PAGE)}")
     sys.exit(0 if result.passed else 1)
