@@ -226,7 +226,7 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     small = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1}, "frames.ok": {"lower": 16}}))
     told = gate.check(small, options(place, TwoDegreesMore(sound(place / "cache")), baseline=None))
     (scene,) = told.scenes.values()
-    causes = " ".join(page.causes(scene.trial))
+    causes = " ".join(page.causes(scene.trial, ["angle.overall.rmse_deg"]))
     assert "1 of 16 frames have no angle: missed (<no grab>) in 1." in causes
     assert re.search(r"the measured angle is (1\.[89]|2\.[012])\d° too large", causes)
     assert "the error arises after them, where the angle is computed" in causes
@@ -240,7 +240,12 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     assert page.page(told) == text
     constant = Broken(lambda frames: [MEASURED for _ in frames])
     (scene,) = check(place, constant, small=small, baseline=None).scenes.values()
-    assert "hardly follows the swing" in " ".join(page.causes(scene.trial))
+    assert "hardly follows the swing" in " ".join(page.causes(scene.trial, ["angle.overall.rmse_deg"]))
+    (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
+    assert re.fullmatch(
+        r"On .* (1\.[89]|2\.[012]) px right of and 0\.\d px (below|above) the true one\.",
+        " ".join(page.causes(scene.trial, ["detection.centre.median_px"])),
+    )
 
 
 @needs_chromium

@@ -54,14 +54,14 @@ def page(report: Report) -> str:
 
 
 def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
-    trial, failed = outcome.trial, any(verdict.status == "failed" for verdict in outcome.verdicts)
+    trial, failed = outcome.trial, [verdict.what for verdict in outcome.verdicts if verdict.status == "failed"]
     budget = trial.evaluation["budget"] if trial and trial.evaluation else None
     return {
         "name": name,
         "anchor": anchor(name),
-        "failed": failed,
+        "failed": bool(failed),
         "notes": outcome.notes,
-        "causes": list(causes(trial)) if trial and failed else [],
+        "causes": list(causes(trial, failed)) if trial and failed else [],
         "table": _table(outcome.verdicts),
         "trace": trace(trial.run, trial.known) if trial and trial.run and trial.known else None,
         "worst": list(_worst(trial)) if trial else [],
@@ -85,14 +85,30 @@ def _table(verdicts: Sequence[Verdict]) -> dict[str, Any]:
     }
 
 
-def causes(trial: Trial) -> Iterator[str]:
-    """State in sentences what the errors of the angle in a scene consist of; nothing where the instrument failed."""
+def causes(trial: Trial, failed: Sequence[str]) -> Iterator[str]:
+    """State in sentences what the errors of a scene consist of; nothing where the instrument failed.
+
+    Parameters
+    ----------
+    trial : Trial
+    failed : sequence of str
+        Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did.
+    """
     if trial.run is None or trial.known is None or trial.evaluation is None:
         return
     run, true = trial.run, trial.known.alpha
     if lost := reasons(run):
         listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
         yield f"{sum(count for *_, count in lost)} of {len(true)} frames have no angle: {listed}."
+    offset = [trial.metrics.get(f"detection.centre.{axis}_mean_px") for axis in "uv"]
+    if offset[0] is not None and offset[1] is not None and any(what.startswith("detection.centre") for what in failed):
+        right, down = "right of" if offset[0] > 0 else "left of", "below" if offset[1] > 0 else "above"
+        yield (
+            f"On average the measured centre lies {abs(offset[0]):.1f} px {right} and {abs(offset[1]):.1f} px {down} "
+            "the true one."
+        )
+    if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
+        return
     both = np.isfinite(run.alpha) & np.isfinite(true)
     bias, rmse = (trial.metrics[f"angle.overall.{name}_deg"] for name in ("bias", "rmse"))
     if bias is None or rmse is None:
