@@ -27,9 +27,7 @@ SENSORS: Mapping[str, tuple[str, float, int, int]] = {
     "AR0330": ("1/3", 2.2, 2304, 1536),
     "OV4689": ("1/3", 2.0, 2688, 1520),
     "IMX323": ("1/2.9", 2.8, 1920, 1080),
-    "IMX290": ("1/2.8", 2.9, 1920, 1080),
-    "IMX307": ("1/2.8", 2.9, 1920, 1080),
-    "IMX327": ("1/2.8", 2.9, 1920, 1080),
+    "IMX290, IMX307, IMX327": ("1/2.8", 2.9, 1920, 1080),
     "IMX335": ("1/2.8", 2.0, 2592, 1944),
     "IMX415": ("1/2.8", 1.45, 3840, 2160),
     "OV2710": ("1/2.7", 3.0, 1920, 1080),
@@ -38,32 +36,33 @@ SENSORS: Mapping[str, tuple[str, float, int, int]] = {
     "IMX178": ("1/1.8", 2.4, 3072, 2048),
     "IMX334": ("1/1.8", 2.0, 3840, 2160),
     "IMX347": ("1/1.8", 2.9, 2688, 1520),
-    "IMX485": ("1/1.2", 2.9, 3840, 2160),
-    "IMX585": ("1/1.2", 2.9, 3840, 2160),
+    "IMX485, IMX585": ("1/1.2", 2.9, 3840, 2160),
 }
 BARREL = 0.84
 """Median of the barrel distortion of the lenses in `CAMERAS`."""
 MOST_BARREL = 1.2
 
 
-def sensor(name: str, width_px: int, height_px: int) -> str:
-    """Find a sensor by name, or the one of a format that is most like a picture of that size; '' if there is none."""
-    wanted = name.strip(' "″”').upper()
-    return min(
-        (one for one, (size, *_) in SENSORS.items() if wanted in (one, size)),
-        key=lambda one: (
-            abs(math.log(SENSORS[one][2] / SENSORS[one][3] * height_px / width_px)),
-            abs(math.log(SENSORS[one][2] / width_px)),
-        ),
-        default="",
-    )
+def sensor(text: str, width_px: int, height_px: int) -> str:
+    """Find a sensor by name, or the one of a format that is most like a picture of that size; raises ValueError."""
+    wanted = text.strip(' "″”').upper()
+    found = [one for one, (size, *_) in SENSORS.items() if wanted in (*one.split(", "), size)]
+    if not found:
+        formats = dict.fromkeys(size for size, *_ in SENSORS.values())
+        raise ValueError(f"must be one of {', '.join(formats)}, {', '.join(SENSORS)}; got {text!r}; or give --fov")
+
+    def unlike(one: str) -> tuple[float, float]:
+        _, _, wide, high = SENSORS[one]
+        return abs(math.log(wide / high * height_px / width_px)), abs(math.log(wide / width_px))
+
+    return min(found, key=unlike)
 
 
 def barrel(width_px: int, height_px: int, across_deg: float, up_deg: float) -> float:
     """Barrel distortion c of a lens from its horizontal and vertical field of view.
 
-    The lens images a ray at the angle θ from the axis at the radius f·t/√(1 + c·t²), t = tan θ: with c = 0 as a pinhole,
-    with c = 1 as f·sin θ. So cot²(across/2) + c is (f/R)² with half the width as R, and alike up.
+    The lens images a ray at the angle θ from the axis at the radius f·t/√(1 + c·t²), t = tan θ: with c = 0 as a
+    pinhole, with c = 1 as f·sin θ. So cot²(across/2) + c is (f/R)² with half the width as R, and alike up.
 
     Raises
     ------
