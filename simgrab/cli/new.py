@@ -79,7 +79,7 @@ def command(file: Path, yes: bool, **given: str | None) -> None:
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
         scenes.load(draft)
-    for line in (f"{file}: assumed", *(f"  {line}" for line in answers.assumed), f"next: simgrab studio {file}"):
+    for line in (*(f"assumed: {line}" for line in answers.assumed), f"next: simgrab studio {file}"):
         click.echo(printable(line))
 
 
@@ -104,7 +104,8 @@ class _Answers:
 
         text, (question, default) = self._given[name], ASKED[name]
         if text is None and self._ask:
-            answer: T = click.prompt(f"{name}: {question}", usual or default, value_proc=value)
+            usual = usual or default
+            answer: T = click.prompt(f"{name}: {question}", usual, value_proc=value, show_default=bool(usual))
             return answer
         if text is None and (usual or default):
             self.assumed.append(f"--{name} {usual or default}: {question}")
@@ -150,17 +151,17 @@ def _camera(text: str) -> str:
     return found[0] if text else ""
 
 
-def _optics(answers: _Answers) -> tuple[str, int, int, float, float]:
-    """Return what the optics are, size of the picture, focal length in px, and barrel distortion."""
+def _fov(text: str) -> tuple[float, ...]:
+    return _numbers(5, 130, 1, 2)(text) if text else ()
+
+
+def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float, float]]:
+    """Return what the optics are, size of the picture, focal length in px, and the distortion k1, k2, k3."""
     camera = answers.get("camera", _camera)
     wide, high, lenses = _lenses.CAMERAS.get(camera, (1920, 1080, {}))
     width, height = map(int, answers.get("size", _numbers(64, 4096, 2), f"{wide}x{high}"))
-    given = (
-        answers.get("fov", lambda text: _numbers(5, 130, 1, 2)(text) if text else ())
-        if not camera or "fov" in answers
-        else ()
-    )
-    c, name, fov, f_px = _lenses.BARREL, camera or "as given", given, 0.0
+    given = fov = answers.get("fov", _fov) if "fov" in answers or not camera else ()
+    c, name, f_px = _lenses.BARREL, camera or "as given", 0.0
     if given:
         wide, high = width, height
     elif camera:
@@ -179,12 +180,13 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, float]:
         f_px = _lenses.focal_px(wide, fov[0], c) if fov else f_px
         f_px *= max(width / wide, height / high)  # a picture of another shape is a part of the whole
         across = _lenses.across_deg(width, f_px, c)
+        name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
+        distortion = _lenses.brown(width, height, f_px, c)
     except ValueError as problem:
         raise _refusal("fov" if given else "lens", str(problem)) from None
-    name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
     if len(fov) < 2:
         answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses")
-    return name, width, height, f_px, c
+    return name, width, height, f_px, distortion
 
 
 def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
@@ -239,11 +241,7 @@ def _tolerances(facts: Mapping[str, tuple[float, float, float, float]]) -> str:
 
 def _scene(answers: _Answers, file: Path) -> str:
     """Text of the scene file."""
-    optics, width, height, f_px, c = _optics(answers)
-    try:
-        k1, k2, k3 = _lenses.brown(width, height, f_px, c)
-    except ValueError as problem:
-        raise _refusal("fov" if "fov" in answers else "lens", str(problem)) from None
+    optics, width, height, f_px, (k1, k2, k3) = _optics(answers)
     (rate,) = answers.get("rate", _numbers(0.1, 120))
     x, y, z = answers.get("offset", _numbers(-3, 3, 3))
     (tilt,) = answers.get("tilt", _numbers(0, 28))
