@@ -31,9 +31,9 @@ NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S = 75
 # By option: the question, and what stands for an answer.
 ASKED = {
-    "camera": ("model of the camera (empty: give sensor and lens)", ""),
+    "camera": ("model of the camera (none: give sensor and lens)", ""),
     "size": ("size of the picture, px", "1920x1080"),
-    "fov": ("field of view on the data sheet, degrees across x up, such as 84x45 (empty: not known)", ""),
+    "fov": ("field of view on the data sheet, degrees across x up, such as 84x45 (none: not known)", ""),
     "sensor": ("format of the sensor, such as 1/2.8, or its name, such as IMX335", "1/2.8"),
     "lens": ("focal length of the lens, mm", "4"),
     "rate": ("pictures a second", "25"),
@@ -54,8 +54,8 @@ ASKED = {
 @click.argument("file", type=PATH)
 @together(
     *(
-        click.option(f"--{name}", help=f"{text[0].upper()}{text[1:]}.", metavar="TEXT")
-        for name, (text, _) in ASKED.items()
+        click.option(f"--{name}", help=f"{text[0].upper()}{text[1:]}.  [default: {usual or 'none'}]", metavar="TEXT")
+        for name, (text, usual) in ASKED.items()
     )
 )
 @click.option("--yes", is_flag=True, help="Ask nothing: assume the usual where nothing is given.")
