@@ -141,14 +141,16 @@ def _one_of(*valid: str, most: int = 1) -> Callable[[str], list[str]]:
 
 
 def _camera(text: str) -> str:
-    plain = {re.sub("[^a-z0-9]", "", name.lower()): name for name in _lenses.CAMERAS}
-    wanted = re.sub("[^a-z0-9]", "", text.lower())
-    found = [name for key, name in plain.items() if wanted in key]
+    wanted = _plain(text)
+    found = [name for name in _lenses.CAMERAS if wanted in _plain(name) or _plain(name.split()[1]) in wanted]
     if text and (len(found) != 1 or not wanted):
-        raise ValueError(
-            f"{text!r} is none or several of {', '.join(plain.values())}; or give --fov, or --sensor and --lens"
-        )
+        cameras = ", ".join(_lenses.CAMERAS)
+        raise ValueError(f"{text!r} is none or several of {cameras}; or give --fov, or --sensor and --lens")
     return found[0] if text else ""
+
+
+def _plain(name: str) -> str:
+    return re.sub("[^a-z0-9]", "", name.lower())
 
 
 def _fov(text: str) -> tuple[float, ...]:
