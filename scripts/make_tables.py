@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from simgrab.cli._lenses import CAMERAS
 from simgrab.lab.stress.axes import AXES
 from simgrab.model import scenes
 from simgrab.model.truth import columns
@@ -34,11 +35,21 @@ def axes_table() -> str:
     return "\n".join(["| axis | unit | no violation at | what it varies |", "|---|---|---|---|", *rows])
 
 
+def cameras_table() -> str:
+    """Cameras of `simgrab new`."""
+    rows = [
+        f"| {name} | {w}x{h} | {', '.join(f'{mm:g} mm: {across}° x {up}°' for mm, (across, up) in lenses.items())} |"
+        for name, (w, h, lenses) in CAMERAS.items()
+    ]
+    return "\n".join(["| camera | picture, px | lenses |", "|---|---|---|", *rows])
+
+
 # Page: the name of the table's place in it, and the table.
 TABLES: dict[str, tuple[str, Callable[[], str]]] = {
     "labels.md": ("columns", columns_table),
     "scenes.md": ("scenes", scenes_table),
     "stress.md": ("axes", axes_table),
+    "writing-scenes.md": ("cameras", cameras_table),
 }
 
 

@@ -172,3 +172,5 @@ def test_a_number_is_a_constant_distribution():
         )
         assert convert(varied, Scenario) == convert(constant, Scenario)
         assert Iid(rope_length_m=np.float64(number)).rope_length_m == Constant(20.0)
+    with pytest.raises(ScenarioError, match="got 50"):
+        Scenario(swing=Iid(rope_length_m=50))

@@ -220,9 +220,8 @@ def without_none(value: Any) -> Any:
 def _within(key: str, law: Distribution, low: float, high: float) -> None:
     least, most = law.support()
     if least < low or most > high:
-        raise ScenarioError(
-            key, f"values must stay within {low:g} … {high:g}, this distribution spans {least:g} … {most:g}"
-        )
+        got = f"got {least:g}" if least == most else f"this distribution spans {least:g} … {most:g}"
+        raise ScenarioError(key, f"values must stay within {low:g} … {high:g}, {got}")
 
 
 def _check_lens(intrinsics: Intrinsics) -> None:

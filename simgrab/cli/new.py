@@ -1,0 +1,317 @@
+"""``simgrab new``."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import click
+
+from simgrab.cli import _lenses
+from simgrab.cli._options import PATH, together
+
+T = TypeVar("T")
+GRABS = ("four-rope", "clamshell", "orange-peel", "scissors")
+# Light of sun and sky by day, and keys of the weather.
+WEATHERS: Mapping[str, tuple[float, float, Mapping[str, float]]] = {
+    "clear": (1.0, 0.85, {}),
+    "rain": (0.0, 0.6, {"rain_mm_h": 8, "wetness": 0.8, "lens_drops": 8}),
+    "fog": (0.0, 0.8, {"visibility_m": 100, "wetness": 0.2}),
+    "snow": (0.0, 0.75, {"snow_mm_h": 0.6, "snow_cover": 0.25}),
+    "dust": (0.8, 0.85, {"dust_thickness": 1.8, "dust_radius_m": 2.5, "lens_dirt": 0.03}),
+}
+NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
+CYCLE_S = 75
+# By option: the question, and what stands for an answer.
+ASKED = {
+    "camera": ("model of the camera (none: give sensor and lens)", ""),
+    "size": ("size of the picture, px", "1920x1080"),
+    "fov": ("field of view on the data sheet, degrees across x up, such as 84x45 (none: not known)", ""),
+    "sensor": ("format of the sensor, such as 1/2.8, or its name, such as IMX335", "1/2.8"),
+    "lens": ("focal length of the lens, mm", "4"),
+    "rate": ("pictures a second", "25"),
+    "offset": ("camera from the rope exit: outboard, sideways, up, m", "0,0.6,-0.3"),
+    "tilt": ("tilt of the camera from the vertical, degrees", "3"),
+    "height": ("height of the jib head above the quay, m", "28"),
+    "ropes": ("shortest and longest rope, m", "8..22"),
+    "grab": (f"{', '.join(GRABS)}, or the file of a 3-D model", "four-rope"),
+    "volume": ("volume of the grab, m³", "6"),
+    "mount": ("levelled (hangs by gravity), rigid (pitches with the jib) or fixed", "levelled"),
+    "light": ("day, night, or both", "day"),
+    "weather": (f"one or more of {', '.join(WEATHERS)}", "clear"),
+    "motion": ("independent frames (to train on), or cycles of a working crane (video)", "independent"),
+}
+
+
+@click.command(name="new")
+@click.argument("file", type=PATH)
+@together(
+    *(
+        click.option(f"--{name}", help=f"{text[0].upper()}{text[1:]}.  [default: {usual or 'none'}]", metavar="TEXT")
+        for name, (text, usual) in ASKED.items()
+    )
+)
+@click.option("--yes", is_flag=True, help="Ask nothing: assume the usual where nothing is given.")
+def command(file: Path, yes: bool, **given: str | None) -> None:
+    """Write a scene FILE from what you know of your camera, crane and grab.
+
+    At a terminal it asks for what is not given. Elsewhere, and with --yes, it assumes the usual and prints what.
+    """
+    from simgrab.errors import ScenarioError
+    from simgrab.io import files
+    from simgrab.io.destination import check_new_folder, writing
+    from simgrab.model import scenes
+    from simgrab.text import printable
+
+    def refuse(problem: str) -> ScenarioError:
+        return ScenarioError("", problem)
+
+    check_new_folder(file, refuse, "FILE")
+    answers = _Answers(given, ask=not yes and sys.stdin.isatty())
+    text = _scene(answers, file)
+    with writing(file, refuse), files.drafted(file) as draft:
+        draft.write_text(text, encoding="utf-8")
+        scenes.load(draft)
+    for line in (*(f"assumed: {line}" for line in answers.assumed), f"next: simgrab studio {file}"):
+        click.echo(printable(line))
+
+
+class _Answers:
+    """What the user says, by option or when asked; `assumed` collects what nobody said."""
+
+    def __init__(self, given: Mapping[str, str | None], *, ask: bool) -> None:
+        self._given, self._ask = given, ask
+        self.assumed: list[str] = []
+
+    def __contains__(self, name: str) -> bool:
+        return self._given[name] is not None
+
+    def get(self, name: str, read: Callable[[str], T], usual: str = "") -> T:
+        """Read an answer by a function that raises ValueError for nonsense."""
+
+        def value(text: str) -> T:
+            try:
+                return read(text.strip())
+            except ValueError as problem:
+                raise _refusal(name, str(problem)) from None
+
+        text, (question, default) = self._given[name], ASKED[name]
+        if text is None and self._ask:
+            usual = usual or default
+            answer: T = click.prompt(f"{name}: {question}", usual, value_proc=value, show_default=bool(usual))
+            return answer
+        if text is None and (usual or default):
+            self.assumed.append(f"--{name} {usual or default}: {question}")
+        return value((usual or default) if text is None else text)
+
+
+def _refusal(name: str, problem: str) -> click.BadParameter:
+    return click.BadParameter(problem, param_hint=f"--{name}")
+
+
+def _numbers(low: float, high: float, *counts: int) -> Callable[[str], tuple[float, ...]]:
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(part) for part in re.split(r"\.\.|[,;x×°\s]+", text) if part)
+        except ValueError:
+            values = ()
+        if len(values) not in (counts or (1,)) or not all(low <= value <= high for value in values):
+            what = f"{' or '.join(map(str, counts))} numbers" if counts else "a number"
+            raise ValueError(f"needs {what} from {low:g} to {high:g}, got {text!r}")
+        return values
+
+    return read
+
+
+def _one_of(*valid: str, most: int = 1) -> Callable[[str], list[str]]:
+    def read(text: str) -> list[str]:
+        words = list(dict.fromkeys(re.findall(r"[^,\s]+", text.lower())))
+        if not 1 <= len(words) <= most or not set(words) <= set(valid):
+            raise ValueError(f"must be {'one' if most == 1 else 'one or more'} of {', '.join(valid)}; got {text!r}")
+        return words
+
+    return read
+
+
+def _camera(text: str) -> str:
+    wanted = _plain(text)
+    found = [name for name in _lenses.CAMERAS if wanted in _plain(name) or _plain(name.split()[1]) in wanted]
+    if text and (len(found) != 1 or not wanted):
+        cameras = ", ".join(_lenses.CAMERAS)
+        raise ValueError(f"{text!r} is none or several of {cameras}; or give --fov, or --sensor and --lens")
+    return found[0] if text else ""
+
+
+def _plain(name: str) -> str:
+    return re.sub("[^a-z0-9]", "", name.lower())
+
+
+def _fov(text: str) -> tuple[float, ...]:
+    return _numbers(5, 130, 1, 2)(text) if text else ()
+
+
+def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float, float]]:
+    """Return what the optics are, size of the picture, focal length in px, and the distortion k1, k2, k3."""
+    camera = answers.get("camera", _camera)
+    wide, high, lenses = _lenses.CAMERAS.get(camera, (1920, 1080, {}))
+    width, height = map(int, answers.get("size", _numbers(64, 4096, 2), f"{wide}x{high}"))
+    given = fov = answers.get("fov", _fov) if "fov" in answers or not camera else ()
+    c, name, f_px = _lenses.BARREL, camera or "as given", 0.0
+    if given:
+        wide, high = width, height
+    elif camera:
+        (mm,) = answers.get("lens", _numbers(0.5, 100), f"{max(lenses):g}")
+        if mm not in lenses:
+            raise _refusal("lens", f"{camera} has lenses of {', '.join(f'{one:g}' for one in lenses)} mm, got {mm:g}")
+        name, fov = f"{camera}, {mm:g} mm", lenses[mm]
+    else:
+        sensor = answers.get("sensor", lambda text: _lenses.sensor(text, width, height))
+        size, pitch_um, wide, high = _lenses.SENSORS[sensor]
+        (mm,) = answers.get("lens", _numbers(0.5, 100))
+        name, f_px = f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um
+    try:
+        if len(fov) == 2:
+            c = _lenses.barrel(wide, high, *fov)
+        f_px = _lenses.focal_px(wide, fov[0], c) if fov else f_px
+        f_px *= max(width / wide, height / high)  # a picture of another shape is a part of the whole
+        across = _lenses.across_deg(width, f_px, c)
+        name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
+        distortion = _lenses.brown(width, height, f_px, c)
+    except ValueError as problem:
+        raise _refusal("fov" if given else "lens", str(problem)) from None
+    if len(fov) < 2:
+        answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses")
+    return name, width, height, f_px, distortion
+
+
+def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
+    """Keys of the table of the grab, and its volume where that can vary."""
+
+    def read(text: str) -> str:
+        if text.lower() not in GRABS and not Path(text).is_file():
+            raise ValueError(f"must be one of {', '.join(GRABS)}, or a file of a 3-D model; there is no file {text!r}")
+        return text.lower() if text.lower() in GRABS else text
+
+    grab = answers.get("grab", read)
+    if grab in GRABS[1:]:
+        (volume,) = answers.get("volume", _numbers(3, 20))
+        return f'model = "{grab}"\nvolume_m3 = {volume:g}', volume
+    if "volume" in answers:
+        raise _refusal("volume", f"{grab} has a size of its own; leave it out, or give --grab {' or '.join(GRABS[1:])}")
+    path = json.dumps(os.path.relpath(grab, file.parent), ensure_ascii=False)
+    return f'model = "{grab}"' if grab in GRABS else f'model = "mesh"\nfile = {path} # see: simgrab grab check', 0.0
+
+
+def _table(keys: Mapping[str, float]) -> str:
+    return f"{{ {', '.join(f'{key} = {value:g}' for key, value in keys.items())} }}" if keys else "{}"
+
+
+def _moods(moods: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """Lines of light, exposure and weather: as keys, or as what varies where there are several."""
+    made = []
+    for light, weather in moods:
+        (sun, sky, keys), night = WEATHERS[weather], light == "night"
+        made.append({
+            "light": _table(NIGHT if night else {"sun": sun, "sky": sky}),
+            "optics.exposure.exposure_ev": "-1.3" if night else "0.0",
+            "optics.night_mode": '"on"' if night else '"off"',
+            "weather": _table(keys),
+        })  # fmt: skip
+    if len(made) == 1:
+        return "".join(f"{key} = {value}\n" for key, value in made[0].items()), ""
+    rows = [", ".join(f'"{key}" = {value}' for key, value in one.items()) for one in made]
+    values = "\n".join(f"  {{ {row} }}," for row in rows)
+    names = json.dumps([", ".join(mood) for mood in moods])
+    return "", f'"{"+".join(made[0])}" = {{ dist = "one-of", names = {names}, values = [\n{values}\n] }}\n'
+
+
+def _tolerances(facts: Mapping[str, tuple[float, float, float, float]]) -> str:
+    """Lines of what varies: by key the fact, its tolerance, and what the key admits at least and at most."""
+    lines = []
+    for key, (fact, by, least, most) in facts.items():
+        low, high = (round(min(max(end, least), most), 3) for end in (fact - by, fact + by))
+        lines.append(f'"{key}" = {{ dist = "uniform", low = {low:g}, high = {high:g} }}')
+    return "\n".join(lines)
+
+
+def _scene(answers: _Answers, file: Path) -> str:
+    """Text of the scene file."""
+    optics, width, height, f_px, (k1, k2, k3) = _optics(answers)
+    (rate,) = answers.get("rate", _numbers(0.1, 120))
+    x, y, z = answers.get("offset", _numbers(-3, 3, 3))
+    (tilt,) = answers.get("tilt", _numbers(0, 28))
+    (head,) = answers.get("height", _numbers(22, 35))
+    short, long = answers.get("ropes", _numbers(6, 45, 2))
+    if short >= long:
+        raise _refusal("ropes", f"the second must be above the first, got {short:g} and {long:g}")
+    grab, volume = _grab(answers, file)
+    mount = answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0]
+    lights = answers.get("light", lambda text: _one_of("day", "night", most=2)(text.replace("both", "day,night")))
+    moods = list(itertools.product(lights, answers.get("weather", _one_of(*WEATHERS, most=5))))
+    cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
+    swing = f'rope_length_m = {{ dist = "uniform", low = {short:g}, high = {long:g} }}\nclamp = true'
+    if cycles:
+        swing = f'model = "dynamic"\nwork = {{ model = "cycles", dig_rope_m = {long:g}, carry_rope_m = {short:g} }}'
+    if long > head - 3:
+        if cycles:
+            raise _refusal("ropes", f"cycles dig on the quay, at most {head - 3:g} m below the jib head; got {long:g}")
+        answers.assumed.append(f"place: an empty hold, because {long:g} m of rope reach below the quay")
+        swing += '\n\n[place]\nmodel = "hold"\ndepth_m = 18.0\nfill = 0.0'
+    inf = math.inf
+    facts = {
+        "camera.focal.focal_length_px": (f_px, 0.01 * f_px, 100, inf),
+        "camera.beta_deg": (tilt, 2, 0, 30),
+        "camera.tilt_azimuth_deg": (0, 180, -180, 180),
+        "camera.roll_deg": (0, 3, -inf, inf),
+        "camera.offset_x_m": (x, 0.1, -3, 3),
+        "camera.offset_y_m": (y, 0.1, -3, 3),
+        "camera.offset_z_m": (z, 0.1, -3, 1),
+        "jib.head_height_m": (head, 0.5, 22, 35),
+    }
+    if volume:
+        facts["grab.volume_m3"] = (volume, 0.1 * volume, 3, 20)
+    if "day" in lights:
+        facts |= {"light.sun_elevation_deg": (45, 20, 10, 90), "light.sun_azimuth_deg": (0, 180, -360, 360)}
+    plain, varied = _moods(moods)
+    clip = round(CYCLE_S * rate) if cycles else 8
+    return f"""# Written by simgrab new. simgrab scenes show {file.name} prints every other key with its value.
+base = "quay-day"
+name = "{re.sub("[^a-z0-9_-]+", "-", file.stem.lower()).strip("-_")[:64] or "port"}"
+frames = {2 * clip if cycles else 200}
+{plain}optics.exposure.model = "auto"
+shutter.exposure_s = {min(0.033 if "night" in lights else 0.005, round(0.5 / rate, 4))}
+
+[camera] # {optics}
+width_px = {width}
+height_px = {height}
+focal = {{ model = "pixels", focal_length_px = {f_px:.1f} }} # in the middle of the picture
+distortion = {{ k1 = {k1}, k2 = {k2}, k3 = {k3} }} # spans that field of view; a calibration replaces it
+beta_deg = {tilt:g} # tilt from the vertical
+offset_x_m = {x:g} # from the rope exit: outboard
+offset_y_m = {y:g} # sideways
+offset_z_m = {z:g} # up
+mount = {{ model = "{mount}" }}{"" if cycles else " # independent frames have no motion on which it acts"}
+
+[jib]
+head_height_m = {head:g}
+
+[swing]
+{swing}
+
+[grab]
+{grab}
+
+[clip]
+frame_rate_hz = {rate:g}
+clip_frames = {clip} # after which [vary] draws anew
+
+[vary] # tolerances of these facts
+{varied}{_tolerances(facts)}
+"""

@@ -1,0 +1,125 @@
+"""`simgrab new` writes scenes that load, show what data sheets say, and states what it assumed."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from test_cli import run
+
+from simgrab.cli import _lenses
+from simgrab.cli.new import GRABS, WEATHERS
+from simgrab.model import scenes
+from simgrab.model.geometry import Intrinsics
+from simgrab.model.scenario import Hold
+
+LENSES = [(name, mm) for name, (_, _, lenses) in _lenses.CAMERAS.items() for mm in lenses]
+
+
+def new(path, *options):
+    status, out, problem = run("new", path, "--yes", *options)
+    assert (status, problem) == (0, ""), problem
+    return scenes.load(path), out
+
+
+def spans(camera: Intrinsics) -> tuple[float, float]:
+    """Angle between the rays of opposite edges, across and up, degrees."""
+    w, h = camera.width_px, camera.height_px
+    left, right, top, bottom = camera.rays([(0, h / 2), (w, h / 2), (w / 2, 0), (w / 2, h)])
+    return math.degrees(math.acos(left @ right)), math.degrees(math.acos(top @ bottom))
+
+
+def tan(angle_deg):
+    return math.tan(math.radians(angle_deg) / 2)
+
+
+@pytest.mark.parametrize(("name", "mm"), LENSES)
+def test_a_camera_spans_the_field_of_view_of_its_data_sheet(name, mm, tmp_path):
+    width, height, lenses = _lenses.CAMERAS[name]
+    scene, _ = new(tmp_path / "a.toml", "--camera", f"DH-{name.split()[1].lower()}E", "--lens", mm)  # a variant of it
+    assert (scene.camera.width_px, scene.camera.height_px) == (width, height)
+    across, up = spans(scene.camera.intrinsics)
+    assert tan(across) == pytest.approx(tan(lenses[mm][0]), rel=1e-3)
+    assert up == pytest.approx(lenses[mm][1], abs=1.6)  # rounded to 1° on the sheet, and k1 to k3 of a wide lens
+    assert scene.vary["camera.focal.focal_length_px"].low < scene.camera.focal.focal_length_px
+
+
+def test_a_lens_without_distortion_is_a_pinhole():
+    for across, f_px in ((40, 2637.6), (90, 960)):
+        up = 2 * math.degrees(math.atan(540 / f_px))
+        c = _lenses.barrel(1920, 1080, across, up)
+        assert _lenses.focal_px(1920, across, c) == pytest.approx(f_px, rel=1e-3)
+        assert _lenses.brown(1920, 1080, f_px, 0.0) == (0, 0, 0)
+
+
+def test_of_sensor_and_lens_the_focal_length_is_their_ratio(tmp_path):
+    for sensor, size, f_px in (
+        ("1/2.8", "1920x1080", 4000 / 2.9),
+        ('1/2.8"', "1296x972", 1000),
+        ("imx335", "1296x729", 1000),
+    ):
+        path = tmp_path / f"{size}.toml"
+        scene, out = new(path, "--sensor", sensor, "--lens", 4, "--size", size)
+        assert scene.camera.focal.focal_length_px == pytest.approx(f_px, abs=0.05)
+        assert "usual distortion" in out
+
+
+@pytest.mark.parametrize("grab", [*GRABS, "drum.glb"])
+def test_facts_become_keys_and_their_tolerances(grab, tmp_path):
+    if grab not in GRABS:
+        trimesh.creation.cylinder(radius=1.2, height=2.6).export(tmp_path / grab)
+    given = ["--grab", grab if grab in GRABS else tmp_path / grab]
+    if grab in GRABS[1:]:
+        given += ["--volume", 9]
+    given += ["--light", "both", "--weather", ",".join(WEATHERS), "--ropes", "9..31", "--offset", "0.2,-0.5,-0.4"]
+    scene, out = new(tmp_path / "p" / "Our port.toml", *given)
+    assert scene.name == "our-port"
+    assert isinstance(scene.place, Hold)  # the ropes reach below the quay
+    assert scene.swing.rope_length_m.support() == (9, 31)
+    assert scene.camera.offset_m == (0.2, -0.5, -0.4)
+    assert len(next(iter(scene.vary.values())).names) == 2 * len(WEATHERS)
+    if grab in GRABS[1:]:
+        assert scene.vary["grab.volume_m3"].support() == pytest.approx((8.1, 9.9))
+    assert "--rate 25" in out
+    assert "--ropes" not in out
+
+
+def test_a_working_crane_moves_within_its_ropes(tmp_path):
+    scene, _ = new(tmp_path / "a.toml", "--motion", "cycles", "--mount", "rigid", "--rate", 9)
+    assert (scene.swing.work.dig_rope_m, scene.swing.work.carry_rope_m, scene.clip.frame_rate_hz) == (22, 8, 9)
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--camera", "nonesuch"], "DS-2CD2143G2-I"),
+        (["--camera", "2143", "--lens", 5], "2.8, 4 mm"),
+        (["--sensor", "1/9"], "1/2.8"),
+        (["--lens", "nan"], "0.5 to 100"),
+        (["--lens", 1.2], "too wide"),
+        (["--fov", "84x80"], "43° to 54°"),
+        (["--ropes", "22..8"], "above the first"),
+        (["--grab", "crab"], "orange-peel"),
+        (["--volume", 5], "clamshell"),
+        (["--weather", "hail"], "dust"),
+        (["--size", "64x64", "--fov", 60], "focal_length_px"),
+        (["--motion", "cycles", "--ropes", "8..30"], "25 m"),
+    ],
+)
+def test_nonsense_is_refused_and_writes_nothing(options, word, tmp_path):
+    status, _, problem = run("new", tmp_path / "a.toml", "--yes", *options)
+    assert status == 2
+    assert word in problem
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_file_is_overwritten(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text("mine")
+    assert run("new", path, "--yes")[0] == 2
+    assert path.read_text() == "mine"
+
+
+def test_the_usual_distortion_is_the_median_of_the_cameras():
+    found = [_lenses.barrel(w, h, *fov) for w, h, lenses in _lenses.CAMERAS.values() for fov in lenses.values()]
+    assert np.median(found) == pytest.approx(_lenses.BARREL, abs=0.01)
