@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-# Pictures in pixels, and by the lens's focal length in mm the horizontal and vertical field of view in degrees, as
-# printed under "Lens" on page 2 of the maker's data sheet of each model (Hikvision, Dahua, Axis; October 2026).
+# Pictures in pixels, and by the lens's focal length in mm the horizontal and vertical field of view in degrees, from a
+# public transcription of the makers' data sheets (October 2026), which was not compared with the sheets themselves.
 CAMERAS: Mapping[str, tuple[int, int, Mapping[float, tuple[float, float]]]] = {
     "Hikvision DS-2CD1023G2-LIU": (1920, 1080, {2.8: (103, 56), 4: (83, 44)}),
     "Hikvision DS-2CD1043G2-LIU": (2560, 1440, {2.8: (98, 54), 4: (78, 42)}),
@@ -20,7 +20,7 @@ CAMERAS: Mapping[str, tuple[int, int, Mapping[float, tuple[float, float]]]] = {
     "AXIS M2035-LE": (1920, 1080, {3.2: (101, 54), 7.5: (39, 22)}),
     "AXIS M3085-V": (1920, 1080, {3.1: (102, 55)}),
 }
-# Format in inches, pixel pitch in µm and active pixels, from the product briefs of Sony, OmniVision and onsemi.
+# Format in inches, pixel pitch in µm and active pixels: nominal values of common sensors by Sony, OmniVision and onsemi.
 SENSORS: Mapping[str, tuple[str, float, int, int]] = {
     "OV9712": ("1/4", 3.0, 1280, 800),
     "AR0130": ("1/3", 3.75, 1280, 960),
