@@ -20,7 +20,7 @@ CAMERAS: Mapping[str, tuple[int, int, Mapping[float, tuple[float, float]]]] = {
     "AXIS M2035-LE": (1920, 1080, {3.2: (101, 54), 7.5: (39, 22)}),
     "AXIS M3085-V": (1920, 1080, {3.1: (102, 55)}),
 }
-# Format in inches, pixel pitch in µm and active pixels: nominal values of common sensors by Sony, OmniVision and onsemi.
+# Format in inches, pixel pitch in µm and active pixels: nominal values of sensors by Sony, OmniVision and onsemi.
 SENSORS: Mapping[str, tuple[str, float, int, int]] = {
     "OV9712": ("1/4", 3.0, 1280, 800),
     "AR0130": ("1/3", 3.75, 1280, 960),
