@@ -16,11 +16,10 @@ from simgrab.errors import DatasetError, RunError, first_line
 from simgrab.instrument.run.runs import Run
 from simgrab.io import parquet
 from simgrab.io.parse import cannot, read_json
+from simgrab.judge.evaluate.alignment import SAME_S, begins, nearest, spacing
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.truth import Row
-
-_SAME_S = 5e-4  # time stamps are those of the table exactly, but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +33,14 @@ class Truths:
     weather : tuple of n str
     least_visible_fraction : float
         Least visible fraction of a frame that counts as one with a grab.
+    matched : str
+        How frames were matched by time; empty where their names or time stamps are the same.
     """
 
     rows: tuple[Row | None, ...]
     weather: tuple[str, ...]
     least_visible_fraction: float
+    matched: str = ""
 
     @property
     def alpha(self) -> Array:
@@ -71,14 +73,17 @@ class Truths:
         return np.array([row is not None and labels.is_labelled(row, least) for row in self.rows], bool)
 
 
-def of(run: Run, known: str | Path) -> Truths:
+def of(run: Run, known: str | Path, start_s: float | None = None) -> Truths:
     """Find the truth of a run's frames.
 
     Parameters
     ----------
     run : Run
     known : path
-        The dataset; for a run on a video, the video or its truth table.
+        The dataset; for a run on a video, the video or its truth table. The run may be on a copy of the video that was
+        coded anew, cut or resampled: then its frames are matched by time.
+    start_s : float, optional
+        Time of the video at which the run's first frame lies; by default it is found (`alignment.begins`).
 
     Raises
     ------
@@ -88,7 +93,9 @@ def of(run: Run, known: str | Path) -> Truths:
         If ``known`` does not belong to the run's frames.
     """
     path = Path(known)
-    found = _of_dataset(run, path) if path.is_dir() else _of_video(run, path.with_suffix(".parquet"))
+    if path.is_dir() and start_s is not None:
+        raise RunError(f"{known}: is a dataset, whose frames are found by their names; --start is of videos")
+    found = _of_dataset(run, path) if path.is_dir() else _of_video(run, path.with_suffix(".parquet"), start_s)
     if not any(row is not None for row in found.rows):
         raise RunError(f"{known}: contains none of the frames of the run on {run.source}")
     first = next(row for row in found.rows if row is not None)
@@ -143,7 +150,7 @@ def match_names(run: Run, files: Sequence[str], labels_sha256: str, path: Path) 
     return found
 
 
-def _of_video(run: Run, path: Path) -> Truths:
+def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
 
     def refusal(why: str) -> DatasetError:
         return DatasetError(f"{path}: not the truth table of a video by simgrab render ({why})")
@@ -160,20 +167,34 @@ def _of_video(run: Run, path: Path) -> Truths:
         raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
     if run.time is None:
         raise RunError(f"{path} belongs to a video, but the run on {run.source} has independent frames")
-    nearest = _nearest(run.time, stamps)
-    rows = tuple(
-        table[k] if abs(stamps[k] - t) < _SAME_S and m.status != "lost" else None
-        for k, t, m in zip(nearest.tolist(), run.time.tolist(), run.measurements, strict=True)
-    )
+    present = np.array([m.status != "lost" for m in run.measurements], bool)
+    start, matched = float(stamps[0]), ""
+    exact = np.abs(stamps[nearest(run.time, stamps)] - run.time) < SAME_S
+    if start_s is not None or not exact[present].all() or run.time[-1] < stamps[-1] - SAME_S:
+        start = _start(run, table, stamps, present, path) if start_s is None else start_s
+    at = nearest(run.time + start, stamps)
+    off = np.abs(stamps[at] - run.time - start)
+    reach = SAME_S if start == stamps[0] and exact[present].all() else spacing(stamps) / 2 + SAME_S
+    rows = tuple(table[k] if near and sent else None for k, near, sent in zip(at, off < reach, present, strict=True))
+    if reach > SAME_S or run.time[-1] < stamps[-1] - SAME_S:
+        end = run.time[-1] + start
+        matched = f"Frames are matched by time: the run covers {start:.3f} to {end:.3f} s of {stamps[-1]:.3f} s."
     weather = tuple("" if row is None else scenario.name for row in rows)
-    return Truths(rows, weather, scenario.labels.least_visible_fraction)
+    return Truths(rows, weather, scenario.labels.least_visible_fraction, matched)
 
 
-def _nearest(times: Array, stamps: Array) -> NDArray[np.int64]:
-    """Index of the nearest of increasing time stamps, shape (n,)."""
-    after = np.minimum(np.searchsorted(stamps, times), len(stamps) - 1)
-    before = np.maximum(after - 1, 0)
-    return np.where(np.abs(times - stamps[before]) <= np.abs(stamps[after] - times), before, after)
+def _start(run: Run, table: Sequence[Row], stamps: Array, present: NDArray[np.bool_], path: Path) -> float:
+    """Find where in a video a run begins, by the grab's centre, or by the swing if no centre is measured."""
+    assert run.time is not None
+    truth = Truths(tuple(table), (), 0.0)
+    pixels = np.isfinite(run.pixels).any()
+    measured, true = (run.pixels, truth.centre) if pixels else (run.alpha[:, None], truth.alpha[:, None])
+    try:
+        return begins(run.time[present], stamps, measured[present], true)
+    except RunError as problem:
+        raise RunError(
+            f"{path}: cannot tell where in this video the run on {run.source} begins: {problem}; state it by --start"
+        ) from None
 
 
 def _row(plain: dict[str, Any]) -> Row:
