@@ -8,9 +8,8 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import NEW_FOLDER, PATH, detector_option, imu_option
+from simgrab.cli._options import NEW_FOLDER, PATH, EstimatorName, detector_option, imu_option
 from simgrab.instrument.contract import Instrument
-from simgrab.instrument.estimate import ESTIMATORS
 from simgrab.io.parse import shown
 from simgrab.text import printable
 
@@ -42,9 +41,7 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option("--out", type=NEW_FOLDER, help="New folder for the results.  [default: runs/SOURCE-run]")
 @detector_option
 @click.option("--instrument", help="A pipeline of your own, as package.module:factory, in place of simgrab's.")
-@click.option(
-    "--estimator", type=click.Choice(list(ESTIMATORS)), help="[default: rope-aware; without a display mean-ray]"
-)
+@click.option("--estimator", type=EstimatorName(), help="[default: rope-aware; without a display mean-ray]")
 @click.option(
     "--calibrate",
     callback=_stretch,

@@ -178,9 +178,8 @@ def scene_of(appearance: Appearance, *, night: bool = False) -> tuple[Scenario, 
 def camera_of(appearance: Appearance) -> str:
     """Write the camera TOML for `simgrab run`, in which everything but size and display is assumed."""
     (width, height), display = appearance.footage.size, appearance.display
-    assumed = ("focal_length_px", "cx_px", "cy_px", "k1", "offset_m", "display_constant_m")
-    if display.layout is None:
-        assumed = assumed[:-1]
+    constant = ("display_constant_m",) if display.layout else ()
+    assumed = ("focal_length_px", "cx_px", "cy_px", "k1", "offset_m", *constant)
     camera = Calibration(
         width, height, _focal_length_px(width, height), width / 2, height / 2, digit_layout=display.layout,
         assumed=assumed,
