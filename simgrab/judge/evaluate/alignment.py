@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,9 +11,11 @@ from simgrab.errors import RunError
 from simgrab.model.geometry import Array
 
 SAME_S = 5e-4  # time stamps of an unchanged video are those of the table exactly, but for rounding
-_APART_S = 1.0  # between beginnings that count as different
-_CLEARER = 1.25  # ratio of mean distances by which one beginning must fit better than others
-_LEAST, _MOST = 8, 300  # measured frames that are compared
+_NEAR_S = 1.0  # by which a coder may delay pictures; beginnings farther apart are different ones
+_CLEARLY, _BETTER = 1.25, 1.05  # ratios of distances by which one beginning fits clearly better, or better
+_KEPT = 0.9  # share of the smallest distances: the others may be false detections
+_LEAST, _MOST, _FINE = 8, 300, 8  # positions that are compared; steps between frames
+_LEAST_STEP_S = 1 / 240
 
 
 def nearest(times: Array, stamps: Array) -> NDArray[np.int64]:
@@ -24,9 +28,9 @@ def nearest(times: Array, stamps: Array) -> NDArray[np.int64]:
 def begins(times: Array, stamps: Array, measured: Array, true: Array) -> float:
     """Find the time of the video at which a run begins.
 
-    A part that was cut out of a video has times of its own. Where they differ from the video's, or end before it, the
-    beginning is the frame of the video from which measured positions follow the true ones best, whatever their constant
-    difference.
+    A part that was cut out of a video has times of its own, and coders and resamplers delay pictures. The beginning is
+    that from which measured positions follow the true ones best, whatever their constant difference. A run whose times
+    are some of the video's, or as long, begins within a second of it unless another beginning fits clearly better.
 
     Parameters
     ----------
@@ -34,36 +38,46 @@ def begins(times: Array, stamps: Array, measured: Array, true: Array) -> float:
         Of the run's frames, s.
     stamps : ndarray, shape (m,)
         Of the video's frames, s, increasing.
-    measured : ndarray, shape (n, d)
-        Positions, or angles, in the run's frames; NaN where there are none.
-    true : ndarray, shape (m, d)
+    measured : ndarray, shape (n, 2)
+        Grab centres in the run's frames, px; NaN where there are none.
+    true : ndarray, shape (m, 2)
         The same in the video's frames.
 
     Raises
     ------
     RunError
-        If several beginnings fit about as well.
+        If there are too few positions, or none of the beginnings fits clearly best.
     """
-    step = spacing(stamps)
-    whole = abs(np.ptp(stamps) - np.ptp(times)) < max(spacing(times), step) * 1.01
+    step, first = spacing(stamps), float(stamps[0])
+    whole = abs(np.ptp(stamps) - np.ptp(times)) < max(spacing(times), step) + _NEAR_S / 2
     likely = whole or bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S).all())
     known = np.flatnonzero(np.isfinite(measured).all(axis=-1))
     if len(known) < _LEAST:
         if likely:
-            return float(stamps[0])
-        raise RunError(f"its times differ from those of the video, and only {len(known)} frames have a position")
+            return first
+        raise RunError(f"{len(known)} of its frames have a position")
     some = known[:: -(-len(known) // _MOST)]
-    last = stamps[-1] - np.ptp(times) + step
-    starts = stamps[stamps <= max(last, stamps[0])]
-    fits = np.array([_distance(times[some] + at, stamps, measured[some], true) for at in starts])
-    best = int(np.argmin(fits))
-    if likely and fits[0] <= _CLEARER * fits[best]:
-        return float(stamps[0])
-    others = np.where(np.abs(starts - starts[best]) < _APART_S, np.inf, fits)
-    other = int(np.argmin(others))
-    if not np.isfinite(fits[best]) or others[other] < _CLEARER * fits[best]:
-        raise RunError(f"its measurements fit about as well from {starts[best]:.3f} s as from {starts[other]:.3f} s")
-    return float(starts[best])
+
+    def fits(starts: Array) -> Array:
+        return np.array([_distance(times[some] + start, stamps, measured[some], true) for start in starts])
+
+    delays = np.arange(-_NEAR_S, _NEAR_S, max(step, _LEAST_STEP_S))
+    starts = np.unique([*(first + delays), *stamps[stamps <= stamps[-1] - np.ptp(times) + _NEAR_S]])
+    found = fits(starts)
+    near = np.abs(starts - first) < _NEAR_S
+    best = int(np.argmin(np.where(near, found, np.inf) if likely else found))
+    others = np.where(np.abs(starts - starts[best]) < _NEAR_S, np.inf, found)
+    if likely and others.min() * _CLEARLY < found[best]:
+        best = int(np.argmin(others))
+        others = np.where(np.abs(starts - starts[best]) < _NEAR_S, np.inf, found)
+        likely = False
+    if not likely and not min(others.min(), _spread(measured[some])) > found[best] * _CLEARLY:
+        raise RunError(f"its positions follow those from {starts[best]:.2f} s on hardly better than others")
+    fine = starts[best] + np.arange(-_FINE, _FINE + 1) * step / _FINE
+    finest = fits(fine)
+    if likely and fits(stamps[:1])[0] <= _BETTER * finest.min():
+        return first
+    return float(fine[int(np.argmin(finest))])
 
 
 def spacing(times: Array) -> float:
@@ -73,9 +87,15 @@ def spacing(times: Array) -> float:
 
 def _distance(times: Array, stamps: Array, measured: Array, true: Array) -> float:
     """Mean distance, without the median difference; infinite where the truth of most frames is unknown."""
-    at = nearest(times, stamps)
-    off = measured - true[at]
-    off = off[np.isfinite(off).all(axis=-1) & (np.abs(stamps[at] - times) <= spacing(stamps) / 2 + SAME_S)]
-    if len(off) < max(len(times) / 2, 1):
+    there = [np.interp(times, stamps, column, left=np.nan, right=np.nan) for column in true.T]
+    off = measured - np.stack(there, axis=-1)
+    off = off[np.isfinite(off).all(axis=-1)]
+    if 2 * len(off) < len(times):
         return np.inf
-    return float(np.median(np.linalg.norm(off - np.median(off, axis=0), axis=-1)))
+    return _spread(off)
+
+
+def _spread(points: Array) -> float:
+    """Mean distance of points (n, 2) from their median, without the farthest."""
+    size = np.sort(np.linalg.norm(points - np.median(points, axis=0), axis=-1))
+    return float(size[: math.ceil(_KEPT * len(size))].mean())

@@ -162,39 +162,35 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
         stamps = np.array([row["pts_s"] for row in plain], float)
         if not plain:
             raise ValueError("it has no rows")
+        if not (np.isfinite(stamps).all() and (np.diff(stamps) > 0).all()):
+            raise ValueError("its time stamps do not increase")
         scenario = msgspec.convert(manifest, datasets.Manifest).scenario
     except (ValueError, LookupError, TypeError) as problem:
         raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
     if run.time is None:
         raise RunError(f"{path} belongs to a video, but the run on {run.source} has independent frames")
-    present = np.array([m.status != "lost" for m in run.measurements], bool)
-    start, matched = float(stamps[0]), ""
-    exact = np.abs(stamps[nearest(run.time, stamps)] - run.time) < SAME_S
-    if start_s is not None or not exact[present].all() or run.time[-1] < stamps[-1] - SAME_S:
-        start = _start(run, table, stamps, present, path) if start_s is None else start_s
-    at = nearest(run.time + start, stamps)
-    off = np.abs(stamps[at] - run.time - start)
-    reach = SAME_S if start == stamps[0] and exact[present].all() else spacing(stamps) / 2 + SAME_S
-    rows = tuple(table[k] if near and sent else None for k, near, sent in zip(at, off < reach, present, strict=True))
-    if reach > SAME_S or run.time[-1] < stamps[-1] - SAME_S:
-        end = run.time[-1] + start
-        matched = f"Frames are matched by time: the run covers {start:.3f} to {end:.3f} s of {stamps[-1]:.3f} s."
+    sent = np.array([m.status != "lost" for m in run.measurements], bool)
+    times, start, reach = run.time, float(stamps[0]), SAME_S
+    exact = bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S)[sent].all())
+    if start_s is not None or not exact or sent.sum() != len(stamps):
+        true = Truths(tuple(table), (), 0.0).centre
+        try:
+            start = begins(times[sent], stamps, run.pixels[sent], true) if start_s is None else start_s
+        except RunError as problem:
+            raise RunError(
+                f"{path}: cannot tell where in its video the run on {run.source} begins: {problem}; state it by --start"
+            ) from None
+    matched = ""
+    if not exact or start != stamps[0]:
+        reach = spacing(stamps) / 2 + SAME_S
+    if reach > SAME_S or times[-1] < stamps[-1] - SAME_S:
+        end = times[-1] + start
+        matched = f"Frames are matched by time: the run covers {start:.2f} to {end:.2f} s of {stamps[-1]:.2f} s."
+    at = nearest(times + start, stamps)
+    near = np.abs(stamps[at] - times - start) < reach
+    rows = tuple(table[k] if known and was_sent else None for k, known, was_sent in zip(at, near, sent, strict=True))
     weather = tuple("" if row is None else scenario.name for row in rows)
     return Truths(rows, weather, scenario.labels.least_visible_fraction, matched)
-
-
-def _start(run: Run, table: Sequence[Row], stamps: Array, present: NDArray[np.bool_], path: Path) -> float:
-    """Find where in a video a run begins, by the grab's centre, or by the swing if no centre is measured."""
-    assert run.time is not None
-    truth = Truths(tuple(table), (), 0.0)
-    pixels = np.isfinite(run.pixels).any()
-    measured, true = (run.pixels, truth.centre) if pixels else (run.alpha[:, None], truth.alpha[:, None])
-    try:
-        return begins(run.time[present], stamps, measured[present], true)
-    except RunError as problem:
-        raise RunError(
-            f"{path}: cannot tell where in this video the run on {run.source} begins: {problem}; state it by --start"
-        ) from None
 
 
 def _row(plain: dict[str, Any]) -> Row:
