@@ -172,7 +172,7 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
     sent = np.array([m.status != "lost" for m in run.measurements], bool)
     times, start, reach = run.time, float(stamps[0]), SAME_S
     exact = bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S)[sent].all())
-    if start_s is not None or not exact or sent.sum() != len(stamps):
+    if start_s is not None or (sent.any() and not (exact and sent.sum() == len(stamps))):
         true = Truths(tuple(table), (), 0.0).centre
         try:
             start = begins(times[sent], stamps, run.pixels[sent], true) if start_s is None else start_s
