@@ -38,9 +38,9 @@ def begins(times: Array, stamps: Array, measured: Array, true: Array) -> float:
         Of the run's frames, s.
     stamps : ndarray, shape (m,)
         Of the video's frames, s, increasing.
-    measured : ndarray, shape (n, 2)
-        Grab centres in the run's frames, px; NaN where there are none.
-    true : ndarray, shape (m, 2)
+    measured : ndarray, shape (n, d)
+        Positions, px, or other numbers that change with time, in the run's frames; NaN where there are none.
+    true : ndarray, shape (m, d)
         The same in the video's frames.
 
     Raises
@@ -96,6 +96,6 @@ def _distance(times: Array, stamps: Array, measured: Array, true: Array) -> floa
 
 
 def _spread(points: Array) -> float:
-    """Mean distance of points (n, 2) from their median, without the farthest."""
+    """Mean distance of points (n, d) from their median, without the farthest."""
     size = np.sort(np.linalg.norm(points - np.median(points, axis=0), axis=-1))
     return float(size[: math.ceil(_KEPT * len(size))].mean())

@@ -21,6 +21,8 @@ from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.truth import Row
 
+_LEAST_READ = 0.5  # share of the frames whose display must be read to tell the time by it
+
 
 @dataclass(frozen=True, eq=False)
 class Truths:
@@ -153,7 +155,9 @@ def match_names(run: Run, files: Sequence[str], labels_sha256: str, path: Path) 
 def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
 
     def refusal(why: str) -> DatasetError:
-        return DatasetError(f"{path}: not the truth table of a video by simgrab render ({why})")
+        return DatasetError(
+            f"{path}: not the truth table of a video by simgrab render ({why}); for a copy, name the rendered video"
+        )
 
     plain = parquet.rows(parquet.read_table(path, refusal), refusal, cannot(path))
     manifest = read_json(path.with_suffix(".manifest.json"), refusal)
@@ -173,9 +177,12 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
     times, start, reach = run.time, float(stamps[0]), SAME_S
     exact = bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S)[sent].all())
     if start_s is not None or (sent.any() and not (exact and sent.sum() == len(stamps))):
-        true = Truths(tuple(table), (), 0.0).centre
+        measured = _signs(run.pixels, [m.rope_text for m in run.measurements])[sent]
+        true = _signs(Truths(tuple(table), (), 0.0).centre, [row.rope_text for row in table])
+        if not np.isfinite(measured[:, 2]).mean() > _LEAST_READ:
+            measured, true = measured[:, :2], true[:, :2]
         try:
-            start = begins(times[sent], stamps, run.pixels[sent], true) if start_s is None else start_s
+            start = begins(times[sent], stamps, measured, true) if start_s is None else start_s
         except RunError as problem:
             raise RunError(
                 f"{path}: cannot tell where in its video the run on {run.source} begins: {problem}; state it by --start"
@@ -191,6 +198,12 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
     rows = tuple(table[k] if known and was_sent else None for k, known, was_sent in zip(at, near, sent, strict=True))
     weather = tuple("" if row is None else scenario.name for row in rows)
     return Truths(rows, weather, scenario.labels.least_visible_fraction, matched)
+
+
+def _signs(pixels: Array, texts: Sequence[str | None]) -> Array:
+    """Grab centre and the hoist rope's digits on the display, which show the time of n pictures, shape (n, 3)."""
+    digits = [(text or "").replace(".", "").partition(" ")[0] for text in texts]
+    return np.column_stack([pixels, [float(d) if d.isdecimal() else np.nan for d in digits]])
 
 
 def _row(plain: dict[str, Any]) -> Row:
