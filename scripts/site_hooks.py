@@ -40,7 +40,7 @@ PYTHON = {
         "estimate", "model.records.estimates.Estimate", "instrument.contract.Measurement",
         "model.calibration", "model.layouts",
     ],
-    "Evaluation": ["evaluate", "judge.evaluate.values.Evaluation", "check", "judge.check.report.Report"],
+    "Evaluation": ["evaluate", "judge.evaluate.values.Evaluation", "check", "judge.check.report.Report", "stress"],
 }  # fmt: skip
 # Of modules; `simgrab.load` is `model.scenes.load`.
 MEMBERS = {

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from simgrab.judge.audit.audit import audit as audit
     from simgrab.judge.check.gate import check as check
     from simgrab.judge.evaluate.evaluation import evaluate as evaluate
+    from simgrab.lab.stress.laboratory import stress as stress
     from simgrab.model import calibration as calibration
     from simgrab.model import layouts as layouts
     from simgrab.model import scenes as scenes
@@ -60,6 +61,7 @@ _HOME = {
     "detect": "simgrab.instrument.detect.pictures",
     "estimate": "simgrab.instrument.estimate.measure",
     "evaluate": "simgrab.judge.evaluate.evaluation",
+    "stress": "simgrab.lab.stress.laboratory",
 }
 _MODULES = ("calibration", "layouts", "scenes")
 __all__ = ["__version__", *_HOME, *_MODULES]

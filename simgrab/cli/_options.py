@@ -67,6 +67,22 @@ class _Automatic(click.ParamType):  # type: ignore[type-arg]  # generic from cli
 
 
 AUTO_WORKERS = _Automatic()
+
+
+class EstimatorName(click.Choice):  # type: ignore[type-arg]  # generic from click 8.2 on
+    """Names of estimators, which may be shortened."""
+
+    def __init__(self) -> None:
+        from simgrab.instrument.estimate import ESTIMATORS
+
+        super().__init__(list(ESTIMATORS))
+        self._full = ESTIMATORS.full
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Complete the name."""
+        return super().convert(self._full(value), param, ctx)
+
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 

@@ -7,17 +7,15 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FILE, PATH, imu_option
-from simgrab.instrument.estimate import DEFAULT, ESTIMATORS
+from simgrab.cli._options import FILE, PATH, EstimatorName, imu_option
+from simgrab.instrument.estimate import DEFAULT
 from simgrab.text import printable
 
 
 @click.command()
 @click.argument("file", type=PATH)
 @click.option("--camera", type=PATH, required=True, help="Camera TOML.")
-@click.option(
-    "--estimator", type=click.Choice(list(ESTIMATORS)), help=f"[default: {DEFAULT}; with --imu inertial-fusion]"
-)
+@click.option("--estimator", type=EstimatorName(), help=f"[default: {DEFAULT}; with --imu inertial-fusion]")
 @imu_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
 @click.option("--figure", type=FILE, help="File of the figure.  [default: FILE.estimate.png]")

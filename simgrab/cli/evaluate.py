@@ -14,12 +14,14 @@ from simgrab.text import printable
 @click.command(name="evaluate")
 @click.argument("run", type=PATH)
 @click.argument("dataset", type=PATH)
+@click.option("--start", type=float, help="Where a cut video begins in DATASET's, s.  [default: found by positions]")
 @click.option("--page", "html", type=FILE, help="Write an HTML page with figures.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the tables.")
-def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
+def command(run: Path, dataset: Path, start: float | None, html: Path | None, as_json: bool) -> None:
     """Compare a RUN with the truth, and report each stage's share of the error.
 
-    DATASET is the rendered dataset that the run measured, or the rendered video, with its truth table beside it.
+    DATASET is the rendered dataset that the run measured, or the rendered video, with its truth table beside it. The
+    run may be on a copy of that video that was coded anew, cut or resampled.
     """
     from simgrab.instrument.run import runs
     from simgrab.judge.evaluate import truths
@@ -28,7 +30,7 @@ def command(run: Path, dataset: Path, html: Path | None, as_json: bool) -> None:
     from simgrab.reports.terminal import cell, stdout, table
 
     measured = runs.load(run)
-    known = truths.of(measured, dataset)
+    known = truths.of(measured, dataset, start)
     found = evaluate(measured, known)
     if as_json:
         click.echo(json.dumps(found.to_dict()))

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import NEW_FOLDER, PATH, detector_option, imu_option
+from simgrab.cli._options import NEW_FOLDER, PATH, EstimatorName, detector_option, imu_option
 from simgrab.instrument.contract import Instrument
-from simgrab.instrument.estimate import ESTIMATORS
 from simgrab.io.parse import shown
 from simgrab.text import printable
 
@@ -38,13 +37,11 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 
 @click.command(name="run")
 @click.argument("source")
-@click.option("--camera", type=PATH, help="Camera TOML.  [default: that beside or in SOURCE]")
-@click.option("--out", type=NEW_FOLDER, required=True, help="New folder for the results.")
+@click.option("--camera", type=PATH, help="Camera TOML.  [default: beside or in SOURCE, or that of match]")
+@click.option("--out", type=NEW_FOLDER, help="New folder for the results.  [default: runs/SOURCE-run]")
 @detector_option
 @click.option("--instrument", help="A pipeline of your own, as package.module:factory, in place of simgrab's.")
-@click.option(
-    "--estimator", type=click.Choice(list(ESTIMATORS)), help="[default: rope-aware; without a display mean-ray]"
-)
+@click.option("--estimator", type=EstimatorName(), help="[default: rope-aware; without a display mean-ray]")
 @click.option(
     "--calibrate",
     callback=_stretch,
@@ -64,9 +61,9 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
-    source: str, camera: Path | None, out: Path, detector_name: str, instrument: str | None, estimator: str | None,
-    calibrate: float | None, calibration: Path | None, imu: Path | None, live: bool, rate: float | None,
-    no_video: bool, paper: bool, as_json: bool, quiet: bool,
+    source: str, camera: Path | None, out: Path | None, detector_name: str, instrument: str | None,
+    estimator: str | None, calibrate: float | None, calibration: Path | None, imu: Path | None, live: bool,
+    rate: float | None, no_video: bool, paper: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Measure swing in SOURCE: a video, a stream's URL, a folder of images, or a dataset.
 
@@ -82,9 +79,10 @@ def command(
     from simgrab.instrument.run.runs import alarms
     from simgrab.instrument.run.subject import open_instrument
     from simgrab.instrument.run.table import HEAD, beside_paper, held, measured
-    from simgrab.instrument.source import camera_beside
+    from simgrab.instrument.source import plain_name
     from simgrab.reports.terminal import cell, stdout, table
 
+    out = out or Path("runs") / f"{plain_name(source)}-run"
     chosen: Instrument
     if instrument is not None:
         if detector_name != FOUR_ROPE or any((estimator, calibrate, calibration, imu, live)):
@@ -100,9 +98,10 @@ def command(
         )
     options = RunOptions(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:
-        found = run(source, camera or camera_beside(source), out, chosen, options, progress)
+        found = run(source, camera, out, chosen, options, progress)
     if as_json:
-        click.echo(json.dumps(found.about | {"failure": found.failure, "alarms": alarms(found.events)}))
+        facts = {"failure": found.failure, "alarms": alarms(found.events), "out": str(out)}
+        click.echo(json.dumps(found.about | facts))
     elif not quiet:
         console = stdout()
         console.print(table([*held(found), *(row for row in measured(found) if row[1])]))

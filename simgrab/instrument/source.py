@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
+from urllib.parse import urlsplit
 
 from simgrab.errors import PictureError, SimgrabError, SourceError, first_line
 from simgrab.instrument.contract import Frame
@@ -19,6 +20,7 @@ from simgrab.model.records import frame_files
 from simgrab.text import encodable, printable
 
 _RATE_IS_OF = "--rate applies to image folders and to videos without time stamps"
+MATCHED = "matched"  # the folder that `simgrab match` writes by default
 CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
 
 
@@ -169,7 +171,11 @@ def _dataset(path: Path, rate_hz: float | None) -> PictureFiles:
 
 
 def camera_beside(source: str | Path) -> Path:
-    """Find the camera TOML in a folder, or beside a video as `simgrab render --video` puts it.
+    """Find the camera TOML of a source.
+
+    In a folder it is ``camera.toml``. Of a video or picture it is ``NAME.camera.toml`` beside it, as
+    `simgrab render --video` writes it, or ``camera.toml`` beside it, or in the folder ``matched`` beside it or here, as
+    `simgrab match` writes it; the first of these.
 
     Raises
     ------
@@ -182,11 +188,26 @@ def camera_beside(source: str | Path) -> Path:
     path = Path(source)
     if "://" not in str(source):
         # Unlike Path's methods these answer no where a name is too long or a folder closed.
-        beside = path / "camera.toml" if os.path.isdir(path) else path.with_suffix(".camera.toml")  # noqa: PTH112
-        if os.path.isfile(beside):  # noqa: PTH113
-            return beside
+        if os.path.isdir(path):  # noqa: PTH112
+            places = [path / "camera.toml"]
+        else:
+            folders = (path.parent, path.parent / MATCHED, Path(MATCHED))
+            places = [path.with_suffix(".camera.toml"), *(folder / "camera.toml" for folder in folders)]
+        for place in places:
+            if os.path.isfile(place):  # noqa: PTH113
+                return place
         open_source(path)  # which raises the reason for an invalid source
-    raise SourceError(f"{source}: there is no camera file in it or beside it; name one by --camera")
+    raise SourceError(
+        f"{source}: there is no camera file in it or beside it; name one by --camera (simgrab match writes one)"
+    )
+
+
+def plain_name(source: str) -> str:
+    """Name of a source for a folder of results: without folders, suffix, and what a URL has beside its path."""
+    if "://" in source:
+        return Path(urlsplit(source).path).stem or "stream"
+    path = Path(os.path.abspath(source))  # noqa: PTH100
+    return path.name if os.path.isdir(path) else path.stem  # noqa: PTH112
 
 
 def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame]:

@@ -21,6 +21,7 @@ from simgrab.io.pictures import encode
 from simgrab.match.footage import Appearance, Quantity, measure, read
 from simgrab.match.footage.footage import to_linear
 from simgrab.model import scenes
+from simgrab.model.calibration import Calibration
 from simgrab.model.distributions import Uniform
 from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM
 from simgrab.model.scenario import Factor, OneOf, Scenario
@@ -34,7 +35,7 @@ SECONDS = 10.0
 SHOWN_FRAMES = 24
 """Of ours, to compare with theirs."""
 SIDES_PX = (64, 4096)
-SCENE, TRAINING, PAGE = "matched.toml", "training.toml", "match.html"
+SCENE, TRAINING, CAMERA, PAGE = "matched.toml", "training.toml", "camera.toml", "match.html"
 TRAINING_FRAMES = 960
 NIGHT = {"sun": 0.0, "sky": 0.012, "floodlights": 0.06}  # as in `training`
 MOST_BLUR_PX = 50.0
@@ -65,8 +66,9 @@ class Matched:
     ours: Appearance | None
 
     def save(self, folder: Path) -> None:
-        """Write scenes and page into a folder."""
+        """Write scenes, camera file and page into a folder."""
         folder.mkdir(parents=True, exist_ok=True)
+        write(folder / CAMERA, camera_of(self.theirs).encode())
         write(folder / SCENE, self.scene.encode())
         write(folder / TRAINING, self.training.encode())
         if self.ours is not None:
@@ -144,7 +146,7 @@ def scene_of(appearance: Appearance, *, night: bool = False) -> tuple[Scenario, 
             "height_px": height,
             "focal": {
                 "model": "pixels",
-                "focal_length_px": _rounded(PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM * max(width, height) / 1920),
+                "focal_length_px": _focal_length_px(width, height),
             },
         },
         "swing": {"model": "dynamic"},
@@ -171,6 +173,27 @@ def scene_of(appearance: Appearance, *, night: bool = False) -> tuple[Scenario, 
     return scenes.load(BASE, data), _comments(appearance, "is that of the paper's camera", BASE) + tomli_w.dumps(
         {"base": BASE} | data
     )
+
+
+def camera_of(appearance: Appearance) -> str:
+    """Write the camera TOML for `simgrab run`, in which everything but size and display is assumed."""
+    (width, height), display = appearance.footage.size, appearance.display
+    constant = ("display_constant_m",) if display.layout else ()
+    assumed = ("focal_length_px", "cx_px", "cy_px", "k1", "offset_m", *constant)
+    camera = Calibration(
+        width, height, _focal_length_px(width, height), width / 2, height / 2, digit_layout=display.layout,
+        assumed=assumed,
+    )  # fmt: skip
+    notes = {
+        "focal_length_px": "not determined by footage: the paper's camera's; 1 % more makes every angle 1 % smaller",
+        "cx_px, cy_px, k1 …": "not determined by footage: the middle of the picture, and no distortion",
+        "offset_m": "not determined by footage: the camera at the rope exit, with the standard deviation offset_sd_m",
+        "display_constant_m": "not determined by footage: rope exit to grab centre, minus the length displayed",
+        "digit_layout": "as read" if display.layout else f"not determined by this footage: {display.reason}",
+        "assumed": "remove a key once you have stated your own value",
+    }
+    lines = (f"{key}: {note}." for key, note in notes.items())
+    return _commented(f"Camera of {appearance.footage.name}, for simgrab run.", *lines) + camera.to_toml()
 
 
 def training_scene(appearance: Appearance, matched: Scenario) -> str:
@@ -294,6 +317,11 @@ def _paint(shown: Sequence[float], stops: float) -> list[float]:
     return encoded(light / max(float(light.max()), 1.0)).tolist()
 
 
+def _focal_length_px(width: int, height: int) -> float:
+    """Focal length of the paper's camera for pictures of a size."""
+    return _rounded(PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM * max(width, height) / 1920)
+
+
 def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
@@ -303,7 +331,10 @@ def _comments(seen: Appearance, focal: str, base: str) -> str:
     lines = [f"Matched to {seen.footage.name}. 95 % intervals:"]
     lines += [f"{name}: {text}" for name, text in seen.rows()]
     lines.append(f"The focal length {focal}: footage alone does not determine it.")
-    lines.append(f"What was not measured is as in {base}.")
+    return _commented(*lines, f"What was not measured is as in {base}.")
+
+
+def _commented(*lines: str) -> str:
     return "".join(f"# {''.join(c if c.isprintable() else '?' for c in line)}\n" for line in lines) + "\n"
 
 

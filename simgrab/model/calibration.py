@@ -45,6 +45,9 @@ class Calibration(Checked, frozen=True):
     digit_layout : Layout or None
         Layout of the display's digits; None if there is no display. It is the layout itself and not its name, so that
         the file is complete on any machine.
+    assumed : tuple of str
+        Names of the values above that are guesses. `load` adds offset, lens distortion (``k1``) and the display's
+        constant where the file leaves them out.
     """
 
     error = CalibrationError
@@ -64,6 +67,12 @@ class Calibration(Checked, frozen=True):
     roll_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
     display_constant_m: Metres = 0.0
     digit_layout: Layout | None = None
+    assumed: tuple[str, ...] = ()
+
+    def check(self) -> None:  # noqa: D102
+        for name in self.assumed:
+            if name not in self.__struct_fields__[:-1]:
+                raise ValueError(f"assumed: there is no {name!r}; name keys of this file, such as focal_length_px")
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -80,7 +89,7 @@ class Calibration(Checked, frozen=True):
     def to_toml(self) -> str:
         """Return the camera TOML."""
         data = msgspec.to_builtins(self)
-        return tomli_w.dumps({key: value for key, value in data.items() if value is not None})  # TOML knows no null
+        return tomli_w.dumps({key: value for key, value in data.items() if value not in (None, [], ())})
 
     def save(self, path: Path) -> None:
         """Write a camera TOML."""
@@ -106,4 +115,8 @@ def _of(data: dict[str, Any], where: str | Path) -> Calibration:
             data["digit_layout"] = layouts.load(data["digit_layout"])
         except LayoutError as problem:
             raise CalibrationError(f"{where}: digit_layout: {problem}") from None
-    return convert(data, Calibration, CalibrationError, where)
+    found = convert(data, Calibration, CalibrationError, where)
+    unstated = [key for key in ("k1", "offset_m", "display_constant_m") if key not in data]
+    if found.digit_layout is None and "display_constant_m" in unstated:
+        unstated.remove("display_constant_m")
+    return msgspec.structs.replace(found, assumed=tuple(dict.fromkeys((*found.assumed, *unstated))))

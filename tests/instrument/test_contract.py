@@ -65,6 +65,10 @@ def test_an_estimator_is_imported_when_it_is_used_and_one_that_is_not_installed_
     assert list(table) == ["mean-ray", "gone", "mine", "wrong"]
     assert table["mine"] is table["mean-ray"]
     assert table.get("neither") is None
+    for short in ("paper", "paper_iteration", "PaperIteration", "iteration"):
+        assert ESTIMATORS[short] is ESTIMATORS["paper-iteration"]
+    assert "pape" not in ESTIMATORS
+    assert EstimatorTable({"mean-ray": "", "mean-square": ""}).full("mean") == "mean"  # which fits both
     with pytest.raises(RecordError, match=r"'gone' \(simgrab.gone.room:Estimator\) is not installed: No module named"):
         table["gone"]
     with pytest.raises(RecordError, match="not a subclass"):

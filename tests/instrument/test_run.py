@@ -454,6 +454,29 @@ def alarmed():
     return measure(frames, crane.calibration, Said(), source="a <video>")
 
 
+def test_a_run_states_what_it_assumed_and_what_its_intervals_owe_to_that(found, clip):
+    result, out = found
+    assert result.about["camera"] == str(clip.with_suffix(".camera.toml"))
+    assumed = json.loads((out / "run.json").read_text())["assumed"]
+    assert assumed["inputs"] == []  # a rendered camera is known
+    ends = np.rad2deg([(m.alpha_low, m.alpha_high) for m in result.measurements if m.alpha_low is not None])
+    assert assumed["width_deg"] == pytest.approx(np.mean(ends[:, 1] - ends[:, 0]))
+    assert dict(held(result))["95 % intervals"] == assumed["text"]
+
+    def again(**changes):
+        camera = msgspec.structs.replace(result.calibration, **changes)
+        instrument = Pipeline(Oracle(truth_of(clip), noise_px=0.5, miss=15), Reader())
+        return measure(open_source(clip), camera, instrument).about["assumed"]
+
+    exact, unknown = again(offset_sd_m=0.0), again(offset_sd_m=0.5, assumed=("focal_length_px", "offset_m"))
+    assert exact["offset_deg"] == pytest.approx(0, abs=1e-6)
+    assert unknown["width_deg"] - unknown["offset_deg"] == pytest.approx(exact["width_deg"], rel=0.05)
+    assert unknown["offset_deg"] > assumed["offset_deg"] > 0
+    assert "focal length 548.3 px (1 % more makes every angle 1 % smaller)" in unknown["text"]
+    bare = again(digit_layout=None)  # mean-ray knows of no offset
+    assert (bare["width_deg"], bare["text"].count("camera offset")) == (None, 1)
+
+
 @needs_chromium
 def test_the_report_opens_in_a_browser_and_takes_the_operators_word(alarmed, tmp_path):
     assert alarmed.events
@@ -480,8 +503,9 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     from simgrab.instrument import pipeline
 
     monkeypatch.setattr(pipeline, "opened", lambda _: Oracle(truth_of(clip)))
-    out = tmp_path / "out"
-    said = CliRunner().invoke(cli, ["run", str(clip), "--out", str(out), "--no-video", "--calibrate", "3s"])
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "runs" / "swing-run"
+    said = CliRunner().invoke(cli, ["run", str(clip), "--no-video", "--calibrate", "3s"])
     assert said.exit_code == 0, said.output
     known = json.loads((out / "run.json").read_text())
     assert f"{known['tilt']['beta_deg']:.3f}" in said.output
@@ -500,7 +524,7 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     assert json.loads(said.output)["counts"]["ok"] > 40
     for arguments, told in (
         (["--calibrate", "soon"], "invalid duration"),
-        (["--estimator", "mean"], "mean"),
+        (["--estimator", "mode"], "mode"),
         (["--calibrate", "3s", "--live"], "calibrates continuously"),
         (["--camera", str(tmp_path / "none.toml")], "none.toml"),
         (["--rate", "9"], "its own time stamps"),

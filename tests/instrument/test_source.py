@@ -18,7 +18,7 @@ from av.stream import Disposition
 from simgrab.errors import SourceError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import ahead
-from simgrab.instrument.source import camera_beside, fitting, open_source
+from simgrab.instrument.source import camera_beside, fitting, open_source, plain_name
 from simgrab.instrument.video import Video
 from simgrab.model.calibration import Calibration
 
@@ -583,6 +583,17 @@ def test_the_camera_file_lies_in_or_beside_the_source(tmp_path, dataset):
         camera_beside(tmp_path / "b.png")
     with pytest.raises(SourceError, match="there is no such file or folder"):
         camera_beside(tmp_path / "b.mp4")
+    (tmp_path / "matched").mkdir()
+    for place in (tmp_path / "matched" / "camera.toml", tmp_path / "camera.toml"):
+        place.touch()
+        assert camera_beside(tmp_path / "b.png") == place
+    assert camera_beside(tmp_path / "a.mp4") == tmp_path / "a.camera.toml"
+
+
+def test_results_are_named_after_their_source_and_never_after_a_password(tmp_path):
+    names = {"a/swing.mp4": "swing", str(tmp_path): tmp_path.name, "rtsp://me:secret@camera/live?key=secret": "live"}
+    assert {source: plain_name(source) for source in names} == names
+    assert plain_name("rtsp://me:secret@camera") == "stream"
 
 
 def test_work_ahead_keeps_order_and_raises_where_it_happened():

@@ -6,6 +6,7 @@ import math
 import sys
 from pathlib import Path
 
+import av
 import msgspec
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from simgrab.dataset import datasets
 from simgrab.errors import DatasetError, RunError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Measurement
+from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
@@ -31,6 +33,7 @@ from simgrab.judge.evaluate.table import tables
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from browser import needs_chromium, shown
 from conftest import small_scene
+from films import film
 from oracle import Oracle
 
 SIZE = {"camera__width_px": 640, "camera__height_px": 360,
@@ -122,6 +125,52 @@ def test_a_video_is_compared_through_its_table(clean, swinging, tmp_path):
     )
     assert found["detection"]["centre"]["p95_px"] == pytest.approx(0, abs=1e-9)
     assert evaluate(film, swinging / "swing.parquet")["angle"] == found["angle"]
+
+
+def coded_anew(path, out, kept, grid_s):
+    """Code some of a video's frames anew, with time stamps from 0 on a grid."""
+    with av.open(str(path)) as file:
+        frames = list(file.decode(video=0))[kept]
+
+    times = [round((frame.time - frames[0].time) / grid_s) * grid_s for frame in frames]
+    pictures = [frame.to_ndarray(format="rgb24") for frame in frames]
+    return film(out, times, (640, 360), draw=lambda i, _: pictures[i], coding={"crf": "24"})
+
+
+@pytest.mark.parametrize(
+    ("kept", "grid_s"),
+    [(slice(None), 1 / 24), (slice(17, 45), 1e-3), (slice(0, None, 2), 1e-3), (slice(21, None, 2), 1 / 24)],
+    ids=["re-encoded", "cut", "resampled", "all three"],
+)
+def test_a_copy_of_a_video_is_compared_by_time(kept, grid_s, swinging, tmp_path):
+    whole = measured(swinging, tmp_path / "whole", of="swing.mp4", shift_px=4.0)
+    tilt = msgspec.convert(whole.about["tilt"], Known)
+    original = list(truths.of(whole, swinging / "swing.mp4").rows)
+    rows = [row for row in original if row is not None][kept]
+    copy = coded_anew(swinging / "swing.mp4", tmp_path / "copy.mp4", kept, grid_s)
+    instrument = Pipeline(Oracle(rows, shift_px=4.0), Reader(), tilt=tilt)
+    made = run(copy, swinging / "swing.camera.toml", None, instrument)
+    known = truths.of(made, swinging / "swing.mp4")
+    matched = [row for row in known.rows if row is not None]
+    assert [row.time_s for row in matched] == [row.time_s for row in rows]
+    wanted = {row.time_s for row in rows}
+    error = np.rad2deg(whole.alpha) - [row.alpha_deg if row and row.time_s in wanted else np.nan for row in original]
+    found = evaluate(made, known)
+    assert found["angle"]["overall"]["rmse_deg"] == pytest.approx(np.sqrt(np.nanmean(error**2)), rel=0.05)
+    assert "matched by time" in found["run"]["matched"]
+    assert found["run"]["matched"] in tables(found)[2].note
+    begin = rows[0].time_s - original[0].time_s
+    assert truths.of(made, swinging / "swing.mp4", begin).rows == known.rows
+
+
+def test_a_cut_that_fits_anywhere_is_refused(clean, swinging, tmp_path):
+    whole = measured(swinging, tmp_path / "film", of="swing.mp4")
+    still = [msgspec.structs.replace(m, centre=(320.0, 180.0) if m.centre else None) for m in whole.measurements[20:40]]
+    cut = dataclasses.replace(whole, time=whole.time[20:40] - 3.97, names=whole.names[20:40], measurements=tuple(still))
+    with pytest.raises(RunError, match=r"cannot tell where .* begins: its positions follow .*; state it by --start"):
+        truths.of(cut, swinging / "swing.mp4")
+    with pytest.raises(RunError, match="--start is of videos"):
+        truths.of(clean, swinging / "data", 1.0)
 
 
 def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_path):

@@ -12,12 +12,12 @@ import pytest
 from browser import needs_chromium, shown
 from scipy.special import ndtr
 
-from simgrab.errors import SourceError
+from simgrab.errors import CalibrationError, SourceError
 from simgrab.instrument.detect import detector
 from simgrab.match import scene as matching
 from simgrab.match.footage import Footage, measure, read
 from simgrab.match.footage.blur import blur
-from simgrab.match.footage.display import _lines, _pairs, display
+from simgrab.match.footage.display import DisplayMatch, _lines, _pairs, display
 from simgrab.match.footage.footage import BT709
 from simgrab.match.footage.grab import Grab, _paint
 from simgrab.match.footage.noise import noise
@@ -25,7 +25,7 @@ from simgrab.match.footage.quantity import Quantity, exact
 from simgrab.match.footage.shading import CELL_PX, FOCAL_PER_WIDTH, vignetting
 from simgrab.match.footage.sharpness import EDGE_PX, Sharpness, sharpness
 from simgrab.match.footage.still import still
-from simgrab.model import scenes
+from simgrab.model import calibration, layouts, scenes
 from simgrab.model.distributions import Uniform
 from simgrab.model.scenario import Sharpening, variants
 from simgrab.model.srgb import decoded, encoded
@@ -268,6 +268,22 @@ def test_numbers_are_found_where_clutter_joins_or_adds_characters_and_a_clock_is
     for boxes in ([*clock, *hoist, *closing, added], [*clock, *hoist, *closing[:1], added, *closing[1:]]):
         above, below = _pairs(_lines(boxes), 640)[0]
         assert (list(above), list(below)) == (hoist, closing)
+
+
+def test_a_camera_file_for_run_names_what_footage_does_not_determine(tmp_path):
+    rng = np.random.default_rng(5)
+    seen = measure(read(video(tmp_path / "one.mp4", taken(scene(rng), rng, 1))), detector())
+    layout = layouts.load("two-by-four").scaled(*SIZE)
+    for shown_digits, constant in ((seen.display, set()), (DisplayMatch(layout, "", 1.0), {"display_constant_m"})):
+        file = tmp_path / "camera.toml"
+        file.write_text(matching.camera_of(replace(seen, display=shown_digits)))
+        camera = calibration.load(file)
+        assert (camera.width_px, camera.height_px, camera.digit_layout) == (*SIZE, shown_digits.layout)
+        assert {*camera.assumed} == {"focal_length_px", "cx_px", "cy_px", "k1", "offset_m"} | constant
+        assert "focal_length_px: not determined by footage" in file.read_text()
+    file.write_text(file.read_text().replace('"cx_px"', '"cx"'))
+    with pytest.raises(CalibrationError, match=r"camera\.toml: .*there is no 'cx'"):
+        calibration.load(file)
 
 
 def test_footage_without_a_display_has_none():

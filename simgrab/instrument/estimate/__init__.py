@@ -37,6 +37,8 @@ _OTHERS = ("contract:Estimator", "intervals:IntervalSettings", "inertial.estimat
 class EstimatorTable(Mapping[str, "type[Estimator]"]):
     """Maps names on the command line to classes. A class is imported on first use, and can be made without arguments.
 
+    A name may be shortened to one of its words, or written as the class is: ``paper``, ``PaperIteration``.
+
     Parameters
     ----------
     own : mapping of str to str
@@ -57,10 +59,16 @@ class EstimatorTable(Mapping[str, "type[Estimator]"]):
         others = sorted(entry_points(group=GROUP), key=lambda point: point.name)
         return {**self._own, **{point.name: point.value for point in others if point.name not in self._own}}
 
+    def full(self, name: str) -> str:
+        """Complete a name; one that fits no estimator, or several, is returned as it is."""
+        plain = name.lower().replace("_", "-")
+        fits = [one for one in self._places if plain in (one, one.replace("-", ""), *one.split("-"))]
+        return name if name in self._places or len(fits) != 1 else fits[0]
+
     def __getitem__(self, name: str) -> type[Estimator]:
         from simgrab.instrument.estimate.contract import Estimator
 
-        place = self._places[name]
+        place = self._places[self.full(name)]
         module, _, attribute = place.partition(":")
         try:
             kind = getattr(importlib.import_module(module), attribute)
@@ -71,7 +79,7 @@ class EstimatorTable(Mapping[str, "type[Estimator]"]):
         return kind
 
     def __contains__(self, name: object) -> bool:
-        return name in self._places
+        return isinstance(name, str) and self.full(name) in self._places
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)

@@ -18,8 +18,9 @@ from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.measure import estimate_json
-from simgrab.instrument.pipeline import Pipeline, assemble
+from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, assemble
 from simgrab.instrument.run import runs
+from simgrab.instrument.run.assumed import assumptions
 from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
 from simgrab.instrument.run.video import OverlayVideo
@@ -27,7 +28,7 @@ from simgrab.instrument.source import PictureFiles, Source, camera_beside, fitti
 from simgrab.io.destination import check_new_folder
 from simgrab.model import calibration as camera_file
 from simgrab.model.calibration import Calibration
-from simgrab.model.records.estimates import Estimate
+from simgrab.text import encodable
 
 VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
 
@@ -86,8 +87,11 @@ def run(
     options = options or RunOptions()
     if out is not None:
         check_new_folder(Path(out), RunError)
+    named: dict[str, Any] = {}
     if not isinstance(camera, Calibration):
-        camera = camera_file.load(camera_beside(source) if camera is None else camera)
+        camera = camera_beside(source) if camera is None else camera
+        named["camera"] = encodable(camera)
+        camera = camera_file.load(camera)
     opened = open_source(source, rate_hz=options.rate_hz)
     measure_source = _live if options.live or opened.live else _whole
     instrument = instrument or assemble(live=options.live or opened.live)
@@ -99,10 +103,10 @@ def run(
     ):
         raise RunError("a stream cannot be used with the recorded readings of an inertial sensor: their times differ")
     if out is None:
-        return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened)
+        return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened, named)
     with runs.making(Path(out)) as folder:
         found, overlay = measure_source(opened, camera, instrument, options, folder, progress)
-        found = _named(found, opened)
+        found = _named(found, opened, named)
         runs.save(found, folder)
         if found.about["tilt"] is not None:
             tilt = msgspec.convert(found.about["tilt"], Known)
@@ -138,20 +142,16 @@ def measure(
     notes = _Notes()
     begun = time.perf_counter()
     passed = fitting(notes.of(frames), calibration)
-    estimate: Estimate | None = None
-    tilt: Known | None = None
-    if isinstance(instrument, Pipeline):
-        record = instrument.record(passed, calibration)
-        measured, estimate, tilt = record.measurements, record.estimate, record.tilt
-    else:
-        measured = tuple(instrument(passed, calibration))
+    record = instrument.record(passed, calibration) if isinstance(instrument, Pipeline) else None
+    measured = record.measurements if record is not None else tuple(instrument(passed, calibration))
     seconds = time.perf_counter() - begun
     if not notes.names:
         raise SourceError(f"{source}: it contains no frames")
     if len(measured) != len(notes.names):
         raise RunError(f"{len(measured)} measurements of {len(notes.names)} frames; one for each frame is required")
     speed = {"frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds}
-    return _conclude(notes, measured, calibration, instrument, source, rule or Rule(), estimate, tilt, speed)
+    tilt = None if record is None else record.tilt
+    return _conclude(notes, measured, calibration, instrument, source, rule or Rule(), record, tilt, speed)
 
 
 def _whole(
@@ -236,11 +236,11 @@ class _Notes:
         )
 
 
-def _named(run: Run, source: Source) -> Run:
-    """Add the dataset's identity to a run on it."""
-    if not (isinstance(source, PictureFiles) and source.labels_sha256):
-        return run
-    return replace(run, about=run.about | {"labels_sha256": source.labels_sha256})
+def _named(run: Run, source: Source, named: dict[str, Any]) -> Run:
+    """Add the camera file's name to a run, and the identity of the dataset, if it is on one."""
+    if isinstance(source, PictureFiles) and source.labels_sha256:
+        named = named | {"labels_sha256": source.labels_sha256}
+    return replace(run, about=run.about | named)
 
 
 def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:
@@ -252,18 +252,20 @@ def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:
 
 def _conclude(
     notes: _Notes, measured: Iterable[Measurement], calibration: Calibration, instrument: Instrument, source: str,
-    rule: Rule, estimate: Estimate | None, tilt: Known | None, speed: dict[str, Any],
+    rule: Rule, record: MeasuredRecord | None, tilt: Known | None, speed: dict[str, Any],
 ) -> Run:  # fmt: skip
     measurements = tuple(measured)
     times, names = notes.times[: len(measurements)], notes.names[: len(measurements)]  # a live run may be ahead of them
     time_s = None if None in times else np.array(times, float)
     found = () if time_s is None else alarm.events(time_s, measurements, rule)
+    estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
     about = {
         "simgrab": version("simgrab"),
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
         "estimate": None if estimate is None else estimate_json(estimate),
         "tilt": None if tilt is None else msgspec.to_builtins(tilt),
+        "assumed": assumptions(calibration, record, tilt, instrument),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
         "notes": list(notes.notes),

@@ -59,6 +59,7 @@ def held(run: Run) -> list[tuple[str, str]]:
     read = sum(m.rope_status == "read" for m in run.measurements)
     asked = sum(bool(m.rope_status) for m in run.measurements)
     rows = [("source", run.source), *(("  note", note) for note in run.about.get("notes", ()))]
+    rows += [("camera", run.about["camera"])] if "camera" in run.about else []
     rows += [("instrument", run.instrument), ("frames", str(n))]
     rows += [
         (f"  {name}", f"{count} ({100 * count / n:.2f} %)") for name, count in run.about["counts"].items() if count
@@ -70,6 +71,8 @@ def held(run: Run) -> list[tuple[str, str]]:
         refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
         rows.append(("estimator", estimate["estimator"] + refusal))
         rows += _intervals(estimate, timed=run.time is not None)
+    owed = run.about.get("assumed", {}).get("text")
+    rows += [("95 % intervals", owed)] if owed else []
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
     rows.append(("speed", f"{speed['frames_per_s']:.1f} frames/s"))
     if "latency_p99_s" in speed:

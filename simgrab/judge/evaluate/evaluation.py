@@ -21,7 +21,7 @@ from simgrab.judge.evaluate.values import Evaluation
 from simgrab.model.records.observations import Detection, Reading
 
 
-def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:
+def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float | None = None) -> Evaluation:
     """Compare a run with the truth of its frames.
 
     Parameters
@@ -30,6 +30,8 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:
         A run, or its folder.
     known : Truths or path
         As `simgrab.judge.evaluate.truths.of` finds them: a dataset, a rendered video, or its truth table.
+    start_s : float, optional
+        Time of the rendered video at which the run's first frame lies; by default it is found.
 
     Returns
     -------
@@ -42,10 +44,10 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path) -> Evaluation:
         If the run or the truth is invalid, or they do not belong together.
     """
     run = run if isinstance(run, Run) else runs.load(run)
-    known = known if isinstance(known, Truths) else truths.of(run, known)
+    known = known if isinstance(known, Truths) else truths.of(run, known, start_s)
     rule = rule_of(run)
     found = {
-        "run": {"source": run.source, "instrument": run.instrument},
+        "run": {"source": run.source, "instrument": run.instrument, "matched": known.matched},
         "frames": {"all": len(run.measurements), "known": sum(r is not None for r in known.rows)} | run.about["counts"],
         "detection": of_detection(run, known),
         "reading": of_reading(run, known),

@@ -25,7 +25,7 @@ def tables(evaluation: Mapping[str, Any]) -> tuple[TextTable, ...]:
     parts = (
         _of_detection(evaluation["detection"]),
         _of_reading(evaluation["reading"]),
-        _of_angle(evaluation["angle"], evaluation["interval"]),
+        _of_angle(evaluation["angle"], evaluation["interval"], evaluation["run"]["matched"]),
         _of_alarm(evaluation["alarm"]),
         _of_budget(evaluation["budget"]),
     )
@@ -74,7 +74,7 @@ def _of_reading(f: Mapping[str, Any] | None) -> TextTable | None:
     return TextTable("Reading", ("", ""), _known(rows), "The display lags behind the rope.")
 
 
-def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> TextTable:
+def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any], matched: str) -> TextTable:
     rows = [("all", *errors(f["overall"])), ("α above 8°", *errors(f["above_8_deg"]))]
     rows += [(f"rope {name}", *errors(e)) for name, e in f["by_rope"].items() if e["frames"]]
     rows += [(name, *errors(e)) for name, e in f["by_weather"].items()]
@@ -82,7 +82,7 @@ def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any]) -> TextTable:
     if interval["share"] is not None:
         width = text(interval["width_deg"], 2)
         note = f"95 % intervals cover the true α in {percent(interval['share'])}, at a mean width of {width}°."
-    return TextTable("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), note)
+    return TextTable("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), f"{note} {matched}".rstrip())
 
 
 def _of_alarm(f: Mapping[str, Any] | None) -> TextTable | None:

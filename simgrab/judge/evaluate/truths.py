@@ -16,11 +16,12 @@ from simgrab.errors import DatasetError, RunError, first_line
 from simgrab.instrument.run.runs import Run
 from simgrab.io import parquet
 from simgrab.io.parse import cannot, read_json
+from simgrab.judge.evaluate.alignment import SAME_S, begins, nearest, spacing
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.truth import Row
 
-_SAME_S = 5e-4  # time stamps are those of the table exactly, but for rounding
+_LEAST_READ = 0.5  # share of the frames whose display must be read to tell the time by it
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +35,14 @@ class Truths:
     weather : tuple of n str
     least_visible_fraction : float
         Least visible fraction of a frame that counts as one with a grab.
+    matched : str
+        How frames were matched by time; empty where their names or time stamps are the same.
     """
 
     rows: tuple[Row | None, ...]
     weather: tuple[str, ...]
     least_visible_fraction: float
+    matched: str = ""
 
     @property
     def alpha(self) -> Array:
@@ -71,14 +75,17 @@ class Truths:
         return np.array([row is not None and labels.is_labelled(row, least) for row in self.rows], bool)
 
 
-def of(run: Run, known: str | Path) -> Truths:
+def of(run: Run, known: str | Path, start_s: float | None = None) -> Truths:
     """Find the truth of a run's frames.
 
     Parameters
     ----------
     run : Run
     known : path
-        The dataset; for a run on a video, the video or its truth table.
+        The dataset; for a run on a video, the video or its truth table. The run may be on a copy of the video that was
+        coded anew, cut or resampled: then its frames are matched by time.
+    start_s : float, optional
+        Time of the video at which the run's first frame lies; by default it is found (`alignment.begins`).
 
     Raises
     ------
@@ -88,7 +95,9 @@ def of(run: Run, known: str | Path) -> Truths:
         If ``known`` does not belong to the run's frames.
     """
     path = Path(known)
-    found = _of_dataset(run, path) if path.is_dir() else _of_video(run, path.with_suffix(".parquet"))
+    if path.is_dir() and start_s is not None:
+        raise RunError(f"{known}: is a dataset, whose frames are found by their names; --start is of videos")
+    found = _of_dataset(run, path) if path.is_dir() else _of_video(run, path.with_suffix(".parquet"), start_s)
     if not any(row is not None for row in found.rows):
         raise RunError(f"{known}: contains none of the frames of the run on {run.source}")
     first = next(row for row in found.rows if row is not None)
@@ -143,10 +152,12 @@ def match_names(run: Run, files: Sequence[str], labels_sha256: str, path: Path) 
     return found
 
 
-def _of_video(run: Run, path: Path) -> Truths:
+def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
 
     def refusal(why: str) -> DatasetError:
-        return DatasetError(f"{path}: not the truth table of a video by simgrab render ({why})")
+        return DatasetError(
+            f"{path}: not the truth table of a video by simgrab render ({why}); for a copy, name the rendered video"
+        )
 
     plain = parquet.rows(parquet.read_table(path, refusal), refusal, cannot(path))
     manifest = read_json(path.with_suffix(".manifest.json"), refusal)
@@ -155,25 +166,44 @@ def _of_video(run: Run, path: Path) -> Truths:
         stamps = np.array([row["pts_s"] for row in plain], float)
         if not plain:
             raise ValueError("it has no rows")
+        if not (np.isfinite(stamps).all() and (np.diff(stamps) > 0).all()):
+            raise ValueError("its time stamps do not increase")
         scenario = msgspec.convert(manifest, datasets.Manifest).scenario
     except (ValueError, LookupError, TypeError) as problem:
         raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
     if run.time is None:
         raise RunError(f"{path} belongs to a video, but the run on {run.source} has independent frames")
-    nearest = _nearest(run.time, stamps)
-    rows = tuple(
-        table[k] if abs(stamps[k] - t) < _SAME_S and m.status != "lost" else None
-        for k, t, m in zip(nearest.tolist(), run.time.tolist(), run.measurements, strict=True)
-    )
+    sent = np.array([m.status != "lost" for m in run.measurements], bool)
+    times, start, reach = run.time, float(stamps[0]), SAME_S
+    exact = bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S)[sent].all())
+    if start_s is not None or (sent.any() and not (exact and sent.sum() == len(stamps))):
+        measured = _signs(run.pixels, [m.rope_text for m in run.measurements])[sent]
+        true = _signs(Truths(tuple(table), (), 0.0).centre, [row.rope_text for row in table])
+        if not np.isfinite(measured[:, 2]).mean() > _LEAST_READ:
+            measured, true = measured[:, :2], true[:, :2]
+        try:
+            start = begins(times[sent], stamps, measured, true) if start_s is None else start_s
+        except RunError as problem:
+            raise RunError(
+                f"{path}: cannot tell where in its video the run on {run.source} begins: {problem}; state it by --start"
+            ) from None
+    matched = ""
+    if not exact or start != stamps[0]:
+        reach = spacing(stamps) / 2 + SAME_S
+    if reach > SAME_S or times[-1] < stamps[-1] - SAME_S:
+        end = times[-1] + start
+        matched = f"Frames are matched by time: the run covers {start:.2f} to {end:.2f} s of {stamps[-1]:.2f} s."
+    at = nearest(times + start, stamps)
+    near = np.abs(stamps[at] - times - start) < reach
+    rows = tuple(table[k] if known and was_sent else None for k, known, was_sent in zip(at, near, sent, strict=True))
     weather = tuple("" if row is None else scenario.name for row in rows)
-    return Truths(rows, weather, scenario.labels.least_visible_fraction)
+    return Truths(rows, weather, scenario.labels.least_visible_fraction, matched)
 
 
-def _nearest(times: Array, stamps: Array) -> NDArray[np.int64]:
-    """Index of the nearest of increasing time stamps, shape (n,)."""
-    after = np.minimum(np.searchsorted(stamps, times), len(stamps) - 1)
-    before = np.maximum(after - 1, 0)
-    return np.where(np.abs(times - stamps[before]) <= np.abs(stamps[after] - times), before, after)
+def _signs(pixels: Array, texts: Sequence[str | None]) -> Array:
+    """Grab centre and the hoist rope's digits on the display, which show the time of n pictures, shape (n, 3)."""
+    digits = [(text or "").replace(".", "").partition(" ")[0] for text in texts]
+    return np.column_stack([pixels, [float(d) if d.isdecimal() else np.nan for d in digits]])
 
 
 def _row(plain: dict[str, Any]) -> Row:

@@ -176,10 +176,11 @@ class FrameCounts(msgspec.Struct, frozen=True):
 
 
 class Provenance(msgspec.Struct, frozen=True):
-    """Source and instrument of the run."""
+    """Source and instrument of the run, and how its frames were matched by time, if they were."""
 
     source: str
     instrument: str
+    matched: str = ""
 
 
 class Evaluation(msgspec.Struct, frozen=True):

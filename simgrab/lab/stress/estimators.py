@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -56,14 +56,21 @@ def find(name: str) -> Estimating:
         made = kind() if isinstance(kind, type) and hasattr(kind, "estimate") else None  # no function is called
     except (ImportError, AttributeError, TypeError, ValueError) as problem:
         raise StressError(f"estimators: cannot make {name!r}: {problem}") from problem
+    return checked(name, made)
+
+
+def checked(name: str, made: object) -> Estimating:
+    """Give an estimator back; raises `StressError` if it is none."""
+    if isinstance(made, type):
+        raise StressError(f"estimators: {name!r} is a class; give an object, such as {made.__name__}()")
     if not isinstance(made, Estimating):
         raise StressError(f"estimators: {name!r} has no method estimate(pixels, calibration, *, rope_length, time)")
     return made
 
 
-def run(name: str, records: Records) -> Estimates:
-    """Estimate from every record, in a batch where the estimator has one."""
-    estimator = find(name)
+def run(name: str, records: Records, own: Mapping[str, Estimating] | None = None) -> Estimates:
+    """Estimate from every record, in a batch where the estimator has one; ``own`` are estimators besides `find`'s."""
+    estimator = own[name] if own and name in own else find(name)
     pixels, ropes = _known(estimator, records)
     options: dict[str, Any] = {"rope_length": ropes, "time": records.time}
     if isinstance(estimator, Estimator):

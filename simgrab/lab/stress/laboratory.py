@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,13 +21,15 @@ import pyarrow.parquet as pq
 
 from simgrab._version import __version__
 from simgrab.errors import StressError
+from simgrab.instrument.estimate import ESTIMATORS
 from simgrab.io import parquet
 from simgrab.io.destination import check_folder, locked_folder
 from simgrab.io.files import drafted
 from simgrab.io.journal import Journal
 from simgrab.io.stores import Store
 from simgrab.lab.stress import convergence, estimators, score
-from simgrab.lab.stress.catalogue import columns, depth_of
+from simgrab.lab.stress.catalogue import columns, depth_of, load
+from simgrab.lab.stress.catalogue import read as read_study
 from simgrab.lab.stress.records import Records
 from simgrab.lab.stress.study import Study
 from simgrab.lab.stress.summary import LimitVerdict, StudyResult, StudySummary, judge
@@ -39,6 +41,7 @@ MOST_SLOW_TRIALS = 4
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 Progress = Callable[[int, int], None]
+Own = Mapping[str, estimators.Estimating]
 STUDY, PARTIAL, TRIALS, SUMMARY, REPORT = "study.json", ".partial", "trials.parquet", "summary.csv", "report.html"
 
 
@@ -72,7 +75,7 @@ def parts(study: Study) -> list[ReplicationBatch]:
     return result
 
 
-def make(study: Study, part: ReplicationBatch) -> pa.Table:
+def make(study: Study, part: ReplicationBatch, own: Own | None = None) -> pa.Table:
     """Draw, estimate and score the replications of a part: one row for each of them and each estimator."""
     point, depth = study.points[part.point], depth_of(study.depth)
     here = depth.prepare(study, point)
@@ -87,17 +90,17 @@ def make(study: Study, part: ReplicationBatch) -> pa.Table:
         trials = range(part.first, last)
         some = records if last == part.last else depth.draw(here, study.seed, trials)
         whole = {key: [value] * len(trials) for key, value in (place | {"estimator": name}).items()}
-        data = {**whole, "trial": np.array(trials), **scored(study, name, some)}
+        data = {**whole, "trial": np.array(trials), **scored(study, name, some, own)}
         arrays = [pa.array(data[f.name], f.type, from_pandas=pa.types.is_floating(f.type)) for f in fields]
         tables.append(pa.table(arrays, schema=fields))
     return pa.concat_tables(tables)
 
 
-def scored(study: Study, estimator: str, records: Records) -> dict[str, np.ndarray]:
+def scored(study: Study, estimator: str, records: Records, own: Own | None = None) -> dict[str, np.ndarray]:
     """Estimate from M records and judge: `columns`, ``status`` and ``reason``, shape (M,) each."""
     if study.kind == "convergence":
         return convergence.trace(records)
-    return score.score(estimators.run(estimator, records), records)
+    return score.score(estimators.run(estimator, records, own), records)
 
 
 def schema(study: Study) -> pa.Schema:
@@ -133,6 +136,58 @@ def worker_pool(workers: int, cluster: str | None = None) -> Executor:
     if workers < 1:
         raise StressError(f"workers must be 1 or more, got {workers}")
     return open_pool(workers, cluster, environment=dict.fromkeys(_THREADS, "1"))
+
+
+def stress(
+    study: str | Path | Mapping[str, object],
+    own: Own | None = None,
+    *,
+    frames: int | None = None,
+    replications: int | None = None,
+    seed: int | None = None,
+) -> pa.Table:
+    """Run a study in this process, with estimators of your own beside those that it names.
+
+    Parameters
+    ----------
+    study : str, path or mapping
+        Name of a bundled study, a TOML file, or the content of one.
+    own : mapping of str to estimator, optional
+        By the names that the table shall have. An estimator is any object with a method
+        ``estimate(pixels, calibration, *, rope_length, time)`` that returns an `Estimate`; see docs/stressing.md.
+    frames, replications, seed : int, optional
+        In place of the study's own.
+
+    Returns
+    -------
+    pyarrow.Table
+        A row for each point of the study's axes, estimator and quantity, with the columns of ``summary.csv``: the axes,
+        ``estimator``, ``quantity``, ``count``, ``mean``, ``rms`` and the Monte Carlo errors of both.
+
+    Raises
+    ------
+    StressError
+        If the study or an estimator is not valid, or an estimator fails.
+
+    Examples
+    --------
+    >>> import simgrab
+    >>> table = simgrab.stress("outliers", frames=100, replications=2)
+    >>> table.column_names[:4]
+    ['outliers', 'estimator', 'quantity', 'count']
+    """
+    chosen = read_study(study) if isinstance(study, Mapping) else load(study)
+    for name, estimator in (own or {}).items():
+        if name in ESTIMATORS:
+            raise StressError(f"own: {name!r} means the bundled {ESTIMATORS.full(name)}; choose another name")
+        estimators.checked(name, estimator)
+    changes = {k: v for k, v in {"n": frames, "replications": replications, "seed": seed}.items() if v is not None}
+    names = (*chosen.estimators, *(own or {}))
+    chosen = msgspec.structs.replace(chosen, estimators=names, **changes)
+    summary = StudySummary(chosen, columns(chosen.kind))
+    for part in parts(chosen):
+        summary.add(make(chosen, part, own))
+    return summary.table()
 
 
 def run(

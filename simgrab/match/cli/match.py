@@ -20,9 +20,9 @@ from simgrab.cli._options import FOLDER, PATH, detector_option
 def command(videos: tuple[Path, ...], out: Path, detector_name: str, night: bool, compare: bool, as_json: bool) -> None:
     """Measure what VIDEO... show of their camera, and write a scene that looks alike.
 
-    Writes two scenes for `simgrab render`: matched.toml, a clip, and training.toml, worlds to train a detector on.
-    match.html shows footage and scene side by side. Each quantity has a 95 % interval, or the reason why the footage
-    does not determine it.
+    Writes two scenes for `simgrab render`: matched.toml, a clip, and training.toml, worlds to train a detector on; and
+    camera.toml for `simgrab run`, which names what footage does not determine. match.html shows footage and scene side
+    by side. Each quantity has a 95 % interval, or the reason why the footage does not determine it.
     """
     from rich.console import Console
 
@@ -38,7 +38,8 @@ def command(videos: tuple[Path, ...], out: Path, detector_name: str, night: bool
         click.echo(json.dumps(dict(rows), ensure_ascii=False))
         return
     console.print(table(rows, ("", "")))
-    for label, name in (("scene", matching.SCENE), ("to train on", matching.TRAINING)):
+    files = (("scene", matching.SCENE), ("to train on", matching.TRAINING), ("camera, for run", matching.CAMERA))
+    for label, name in files:
         console.print(f"{label}: {cell(out / name)}", soft_wrap=True)
     if compare:
         console.print(f"page: {cell(out / matching.PAGE)}", soft_wrap=True)

@@ -11,6 +11,7 @@ import tomli_w
 from click.testing import CliRunner
 from stress_runs import refused, small, summed
 
+import simgrab
 from simgrab.cli import cli
 from simgrab.errors import SimgrabError, StressError
 from simgrab.instrument.estimate import MeanRay
@@ -118,6 +119,21 @@ def test_anybodys_estimator_is_judged_like_the_packages_own():
             assert (ours.count, ours.mean) == pytest.approx((theirs.count, theirs.mean), rel=1e-12, nan_ok=True), column
     assert summary.at((10.0,), name, "refused").mean == 1.0
     assert summary.at((10.0,), name, "miss").count == 0
+
+
+def test_an_estimator_object_is_studied_from_python():
+    study = {"name": "n", "title": "n", "estimators": ["paper"], "axes": [{"axis": "n", "values": [10, 100]}]}
+    rows = simgrab.stress(study, {"mine": Stubborn()}, replications=20).to_pylist()
+    named = summed(catalogue.read(study | {"replications": 20, "estimators": ["paper", f"{__name__}:Stubborn"]}))
+    expected = named.table().to_pylist()
+    assert [row["estimator"] for row in rows] == [
+        row["estimator"].replace(f"{__name__}:Stubborn", "mine") for row in expected
+    ]
+    for mine, other in zip(rows, expected, strict=True):
+        assert mine | {"estimator": ""} == pytest.approx(other | {"estimator": ""}, nan_ok=True)
+    for own, why in (({"paper": Stubborn()}, "bundled paper-iteration"), ({"mine": Stubborn}, r"such as Stubborn\(\)")):
+        with pytest.raises(StressError, match=why):
+            simgrab.stress(study, own)
 
 
 @pytest.mark.parametrize("name", ["os:abort", "os:environ", "pathlib:Path"])
