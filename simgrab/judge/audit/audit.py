@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from simgrab.dataset import manifest, stored, tables
+from simgrab.dataset import manifest, stored, tables, yolo
 from simgrab.dataset.datasets import MANIFEST
 from simgrab.dataset.record import FrameRecord
 from simgrab.dataset.summary import Tally
@@ -280,10 +280,12 @@ def _compare_exports(
     found: Findings, data: _Dataset, stored: Row, record: FrameRecord, coco: dict[int, Any], same: bool
 ) -> None:
     row = record.truth
-    name = f"labels/{row.split}/{row.frame:06d}.txt"
+    name, kind = yolo.name(row), data.scenario.labels.yolo
     file = data.path / name
     text = file.read_bytes() if file.is_file() else None
-    found.expect(text == tables.yolo(stored, data.scenario), f"frame {row.frame}, {name}", "not the label of this row")
+    if same or kind != "seg":
+        right = text == yolo.label(stored, record.mask, data.scenario, kind)
+        found.expect(right, f"frame {row.frame}, {name}", "not the label of this row")
     annotation = coco.get(row.frame)
     labelled = tables.is_labelled(row, data.scenario)
     found.expect((annotation is not None) == labelled, f"frame {row.frame}, COCO", "annotated, or not, against its row")
