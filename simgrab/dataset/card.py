@@ -50,7 +50,12 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
     head += ["task_categories:", *(f"- {task}" for task in _TASKS), f"size_categories: [{size}]"]
     head += ["tags: [synthetic, simgrab]"]
     if pattern:
-        head += ["configs:", "- config_name: default", "  data_files:"]
+        head += [
+            "configs:",
+            "- config_name: default",
+            *["  drop_labels: true"] * ("images" in pattern),
+            "  data_files:",
+        ]
         for split in counts:
             name = HF_SPLITS[split] if layout == "hf" else split
             head += [f"  - split: {HF_SPLITS[split]}", f"    path: {pattern.format(name)}"]

@@ -49,7 +49,7 @@ def _pose(row: Row, box: Array, _mask: Mask | None) -> Array:
 
 def _polygon(row: Row, box: Array, mask: Mask | None) -> Array:
     assert mask is not None
-    return (outline(np.asarray(coco_mask.decode(mask)), *map(int, box)) / _size(row)).ravel()  # type: ignore[arg-type]
+    return (outline(np.asarray(coco_mask.decode(mask)), *map(int, box)) / _size(row)).ravel()
 
 
 def _oriented(row: Row, box: Array, _mask: Mask | None) -> Array:
