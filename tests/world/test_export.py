@@ -18,6 +18,7 @@ from pycocotools.coco import COCO
 
 import simgrab
 from simgrab.cli import export as command
+from simgrab.dataset import preview
 from simgrab.dataset.box_files import parse
 from simgrab.dataset.card import HF_SPLITS
 from simgrab.dataset.export import FORMATS, export
@@ -252,6 +253,21 @@ def test_the_own_layout_is_what_render_writes(split_dataset, exported):
         return {str(p.relative_to(folder)): p.is_dir() or p.read_bytes() for p in folder.rglob("*")}
 
     assert contents(exported / "simgrab") == contents(split_dataset)
+
+
+def test_the_card_names_the_files_of_each_split(source, exported):
+    for name in FORMATS:
+        _, head, body = (exported / name / "README.md").read_text().split("---\n")
+        known = yaml.safe_load(head)
+        assert (known["license"], known["size_categories"]) == ("apache-2.0", ["n<1K"])
+        assert f"| frames | 12 ({', '.join(f'{split} {n}' for split, n in source.splits.items())}) |" in body
+        assert f"| with a box | {sum(frame.labelled for frame in source)} |" in body
+        assert f"]({preview.NAME})" in body
+        assert (exported / name / preview.NAME).exists()
+        for config in known.get("configs", []):
+            assert [part["split"] for part in config["data_files"]] == [HF_SPLITS[split] for split in source.splits]
+            assert all(list((exported / name).glob(part["path"])) for part in config["data_files"])
+        assert ("configs" in known) == (name != "voc")
 
 
 def test_shards_give_the_same_exports(exported, tmp_path):

@@ -193,7 +193,8 @@ def _refuse_strangers(found: Findings, data: _Dataset) -> None:
     for folder in ("images", "labels", "ids", "depth"):
         for file in sorted((data.path / folder).rglob("*")):
             stem = str(file.relative_to(data.path / folder).with_suffix(""))
-            if file.is_file() and is_visible(file, data.path / folder):
+            own = file.suffix == ".cache"  # a trainer's
+            if file.is_file() and not own and is_visible(file, data.path / folder):
                 name = str(file.relative_to(data.path))
                 found.expect(stem in stems or name in known, name, "not part of this dataset")
 
