@@ -114,20 +114,20 @@ def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
 @pytest.fixture
 def simgrab_judge(request: pytest.FixtureRequest) -> Iterator[Judge]:
     """Measure a record, evaluate, and hold the test's ``simgrab_limit`` marks against it."""
-    from simgrab.judge.check.trial import Trial, measured
+    from simgrab.judge.check.trial import measured
     from simgrab.judge.check.verdicts import of_trial
 
     limits = _limits(request.node.iter_markers(MARKER))
     judged = []
 
     def judge(instrument: Instrument, record: Record) -> Mapping[str, float | None]:
-        metrics = measured(record.dataset, instrument)
-        judged.append(metrics)
-        verdicts = of_trial("", Trial(record.dataset, metrics), limits, None, 1)
+        trial = measured(record.dataset, instrument)
+        judged.append(trial)
+        verdicts = of_trial("", trial, limits, None, 1)
         failed = [f"{verdict.what}: {verdict.message}" for verdict in verdicts if verdict.status == "failed"]
         if failed:
             pytest.fail("\n".join(failed), pytrace=False)
-        return metrics
+        return trial.metrics
 
     yield judge
     if limits and not judged:

@@ -30,8 +30,8 @@ def command(
 ) -> None:  # fmt: skip
     """Run an instrument on SUITE and compare its measurements with limits and baseline.
 
-    SUITE is a bundled suite or a TOML file. OUT gets check.json, junit.xml and images of golden frames that differ.
-    Exit status: 0 passed, 1 failed, 2 the suite is invalid.
+    SUITE is a bundled suite or a TOML file. OUT gets the page check.html, check.json, junit.xml and images of
+    golden frames that differ. Exit status: 0 passed, 1 failed, 2 the suite is invalid.
     """
     from simgrab.cli._progress import steps
     from simgrab.errors import SuiteError
@@ -39,6 +39,7 @@ def command(
     from simgrab.judge.check import gate, report
     from simgrab.judge.check import suite as suites
     from simgrab.judge.check.cache import default
+    from simgrab.judge.check.page import page
     from simgrab.judge.check.table import show
 
     if seeds is not None and not update:
@@ -52,11 +53,13 @@ def command(
     with steps(shown=not (quiet or as_json)) as progress:
         options = gate.CheckOptions(instrument, baseline, seed, cache or default(), workers, cluster, progress)
         result = gate.record(found, options, seeds) if update else gate.check(found, options)
-    report.save(result, place)
+    report.save(result, place, page(result))
     for note in result.notes if quiet else ():
         click.echo(printable(note), err=True)
     if as_json:
         click.echo(report.as_json(result))
     else:
         show(result, quiet=quiet)
+        if not (quiet and result.passed):
+            click.echo(f"page: {printable(place / report.PAGE)}")
     sys.exit(0 if result.passed else 1)

@@ -109,7 +109,7 @@ def parse_size(text: str) -> tuple[int, int]:
     """Parse ``640x360`` into width and height, px."""
     size = re.fullmatch(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s*", text, re.IGNORECASE)
     if not size:
-        raise ScenarioError("", f"--size takes WIDTHxHEIGHT in pixels, such as 640x360; got {text!r}")
+        raise ScenarioError("", f"size must be WIDTHxHEIGHT in pixels, such as 640x360; got {text!r}")
     return int(size[1]), int(size[2])
 
 

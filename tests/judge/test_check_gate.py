@@ -1,5 +1,6 @@
 """The gate lets a sound pipeline through and stops each planted fault; what it writes is whole."""
 
+import dataclasses
 import functools
 import itertools
 import json
@@ -7,6 +8,7 @@ import re
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import click
@@ -16,6 +18,7 @@ import numpy as np
 import pytest
 import tomli_w
 from answers import Answers
+from browser import needs_chromium, shown
 from click.testing import CliRunner
 from faults import FAULTS, sound
 
@@ -23,8 +26,10 @@ import simgrab
 from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
-from simgrab.judge.check import baseline, cache, gate, golden, report, suite, trial
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, trial, verdicts
 from simgrab.judge.check.gate import CheckOptions
+from simgrab.judge.evaluate.truths import Truths
 
 # Limits so wide that only the baseline can tell.
 SUITE = {
@@ -168,26 +173,86 @@ def test_what_the_baseline_has_too_few_values_for_is_reported(place, tmp_path):
 
 
 def test_limits_that_a_constant_answer_meets_are_named(place):
-    small = suite.load(place / "small.toml")
-    (note,) = check(place).notes
-    assert re.fullmatch(
-        r"swing: an instrument that always answers [\d.]+° would pass angle.overall.rmse_deg ≤ 20, .*", note
-    )
-    dataset = cache.rendered(small.scenario("swing"), place / "cache")
-    true = np.array([row.alpha_deg for row in dataset.rows])
+    told = check(place)
+    (note,) = told.notes
+    assert re.fullmatch(r"swing: warning: .* the same angle would pass angle.overall.rmse_deg ≤ 20 \(it has .*", note)
+    found = told.scenes["swing"].trial
+    true = np.array([row.alpha_deg for row in found.dataset.rows])
 
     def warned(**limits):
-        return trial.constant_answer(
-            "swing", dataset, {f"angle.overall.{k}": suite.Limit(**v) for k, v in limits.items()}
-        )
+        limits = {f"angle.overall.{k}": suite.Limit(**v) for k, v in limits.items()}
+        return [v.what[14:-4] for v in verdicts.lax(verdicts.of_trial("swing", found, limits, None, 1), limits)]
 
     least = true.std()  # of the errors of the best constant answer, which is the mean
-    assert warned(rmse_deg={"upper": 1.01 * least})
-    assert not warned(rmse_deg={"upper": 0.99 * least})
-    assert not warned(rmse_deg={"upper": 1.01 * least}, max_deg={"upper": np.ptp(true) / 2})  # met by another one each
-    assert warned(max_deg={"upper": 1.02 * np.ptp(true) / 2})
-    assert not warned(frames={"lower": 1})
-    assert not warned()
+    bias = {"lower": -0.1, "upper": 0.1}  # which a constant answer always meets
+    assert warned(rmse_deg={"upper": 1.01 * least}, bias_deg=bias) == ["rmse", "bias"]
+    assert warned(rmse_deg={"upper": 0.99 * least}, bias_deg=bias) == []
+    assert warned(rmse_deg={"upper": 0.99 * least}, max_deg={"upper": 1.02 * np.ptp(true) / 2}) == ["max"]
+    assert warned(bias_deg=bias) == ["bias"]
+    assert warned(frames={"lower": 1}) == []
+
+
+def test_the_last_value_is_that_of_the_frame_before_in_the_same_clip():
+    rows = [
+        SimpleNamespace(present=True, alpha_deg=alpha, clip=clip, rope_length_m=20.0)
+        for alpha, clip in ((1.0, 0), (3.0, 0), (6.0, 1), (6.5, 1), (2.0, None), (9.0, None))
+    ]
+    limits = {f"angle.overall.{name}_deg": suite.Limit(upper=1) for name in ("rmse", "max")}
+    found = trial.naive(Truths(tuple(rows), ("",) * 6, 0.1), limits)
+    assert found["angle.overall.max_deg"] == pytest.approx((4.0, 2.0))
+    assert found["angle.overall.rmse_deg"][1] == pytest.approx(np.sqrt((2.0**2 + 0.5**2) / 2))
+    independent = trial.naive(Truths(tuple(rows[-2:]), ("",) * 2, 0.1), limits)
+    assert independent["angle.overall.max_deg"] == (pytest.approx(3.5), None)
+
+
+@dataclasses.dataclass
+class TwoDegreesMore:
+    """Adds 2° to the angles of the sound pipeline, and misses the grab in frame 5."""
+
+    pipeline: Pipeline
+    name: str = "two degrees more"
+
+    def __call__(self, frames, calibration):
+        measured = self.pipeline.record(frames, calibration).measurements
+        return [
+            Measurement(status="missed", reason="<no grab>")
+            if i == 5
+            else msgspec.structs.replace(m, alpha=m.alpha + np.deg2rad(2), alpha_high=m.alpha_high + np.deg2rad(2))
+            for i, m in enumerate(measured)
+        ]
+
+
+def test_the_page_states_why_a_check_failed(place, tmp_path):
+    small = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1}, "frames.ok": {"lower": 16}}))
+    told = gate.check(small, options(place, TwoDegreesMore(sound(place / "cache")), baseline=None))
+    (scene,) = told.scenes.values()
+    causes = " ".join(page.causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert "1 of 16 frames have no angle: missed (<no grab>) in 1." in causes
+    assert re.search(r"the measured angle is (1\.[89]|2\.[012])\d° too large", causes)
+    assert "the error arises after them, where the angle is computed" in causes
+    text = page.page(told)
+    assert "2 of 3 checks failed" in text
+    assert "missed (&lt;no grab&gt;)" in text
+    assert text.count("<img") == 5  # the largest errors, and the frame without an angle
+    off = [float(error) for error in re.findall(r"<figcaption>.*error ([+-][\d.]+)°", text)]
+    assert len(off) == 4
+    assert off == sorted(off, reverse=True)
+    assert page.page(told) == text
+    constant = Broken(lambda frames: [MEASURED for _ in frames])
+    (scene,) = check(place, constant, small=small, baseline=None).scenes.values()
+    assert "hardly follows the swing" in " ".join(page.causes(scene.trial, ["angle.overall.rmse_deg"]))
+    (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
+    assert re.fullmatch(
+        r"On .* (1\.[89]|2\.[012]) px right of and 0\.\d px (below|above) the true one\.",
+        " ".join(page.causes(scene.trial, ["detection.centre.median_px"])),
+    )
+
+
+@needs_chromium
+def test_the_page_fits_windows_and_phones(place, tmp_path):
+    told = check(place, FAULTS["h 5 % off"])
+    shown(page.page(told), tmp_path)
+    shown(page.page(check(place, Broken(raises))), tmp_path)
 
 
 def test_a_metric_that_is_not_there_fails_and_is_reported(place, tmp_path):
@@ -394,6 +459,8 @@ def test_the_command_passes_and_writes_json_and_junit(shell, tmp_path):
     cases = ElementTree.parse(tmp_path / "out" / "junit.xml").findall(".//testcase")
     assert len(cases) == len(told["verdicts"])
     assert {c.get("classname") for c in cases} == {"simgrab.small", "simgrab.small.swing"}
+    assert ElementTree.parse(tmp_path / "out" / "junit.xml").find(".//property").get("value") == "check.html"
+    assert "<h1>Check small: passed</h1>" in (tmp_path / "out" / "check.html").read_text()
 
 
 def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypatch):
@@ -448,13 +515,13 @@ def test_a_broken_suite_is_an_error_and_leaves_nothing(shell, tmp_path):
 
 def test_a_report_with_odd_texts_is_still_xml(tmp_path):
     odd = report.Report("s", "i", 0, (report.Verdict(scene="", what="a<b", status="failed", message="\x00 <&\n"),))
-    report.save(odd, tmp_path)
+    report.save(odd, tmp_path, page.page(odd))
     assert ElementTree.parse(tmp_path / report.JUNIT).find(".//failure").get("message") == "  <& "
 
 
 def test_a_report_takes_away_its_own_pictures_alone(tmp_path):
     picture = np.zeros((4, 12, 3), np.uint8)
-    save = functools.partial(report.save, out=tmp_path)
+    save = functools.partial(report.save, out=tmp_path, page="")
     save(report.Report("s", "i", 0, scenes={"a": report.Outcome((), {}, 0.0, {"a-000000.png": picture})}))
     (tmp_path / "golden" / "baseline.json").write_text("{}")
     save(report.Report("s", "i", 0))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+import simgrab
 from simgrab.errors import SuiteError
 from simgrab.judge.check import suite
 from simgrab.world.trajectory import iid
@@ -44,6 +45,16 @@ def test_each_scene_has_draws_of_its_own(tmp_path):
     assert found.scenario("calm", 0) == suite.load(put(tmp_path, seed=0, scenes={"calm": calm})).scenario("calm")
 
 
+def test_a_size_is_that_of_a_smaller_picture_of_the_same_view(tmp_path):
+    calm = GOOD["scenes"]["calm"]
+    found = suite.load(put(tmp_path, size="640x360", scenes={"calm": calm, "wide": calm | {"size": "960x360"}}))
+    assert found.scenario("calm") == simgrab.load(
+        "quay-day", {"seed": found.scenario("calm").seed, "frames": 4}, size=(640, 360)
+    )
+    camera = found.scenario("wide").camera
+    assert (camera.width_px, camera.height_px) == (960, 360)
+
+
 def test_limits_of_a_scene_win(tmp_path):
     scenes = {"calm": GOOD["scenes"]["calm"] | {"limits": {"alarm.missed": {"upper": 2}}}}
     found = suite.load(put(tmp_path, limits={"alarm.missed": {"upper": 1}, "frames.ok": {"lower": 0}}, scenes=scenes))
@@ -62,6 +73,8 @@ BAD = {
     "unknown change": (scene(changes={"camera.betta_deg": 1}), "scenes.calm: camera.betta_deg: unknown key"),
     "seed as a change": (scene(changes={"seed": 1}), "set scenes.calm.seed or at the top of the suite instead"),
     "frames as a change": ({"changes": {"frames": 1}}, "frames: set scenes.calm.frames instead"),
+    "size without height": ({"size": "640"}, "scenes.calm: size must be WIDTHxHEIGHT in pixels"),
+    "size below the least": (scene(size="8x8"), "scenes.calm: camera.width_px"),
     "limit without ends": ({"limits": {"a": {"slack": 1}}}, "limits.a: a limit needs lower, upper or both"),
     "limit upside down": ({"limits": {"a": {"lower": 2, "upper": 1}}}, "limits.a: lower (2) must not be above upper"),
     "unknown metric": (

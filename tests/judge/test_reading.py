@@ -37,8 +37,3 @@ def test_torn_displays_are_scored_apart():
     assert score.torn_refused == share(1, 5)
     assert score.wrong == [Wrong("f", "rain", "2015 2137 over 1899 0266", "1815 2137")]
     assert score.digits_right == score.frames_right == share(0, 0)
-
-
-def test_groups_come_in_order_and_then_all():
-    reads = [read("2015 2137", "2015 2137", group=g) for g in ("rain", "fog", "rain")]
-    assert [(s.group, s.frames_right.of) for s in reading.by_group(reads)] == [("rain", 2), ("fog", 1), ("all", 3)]

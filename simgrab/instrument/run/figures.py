@@ -16,6 +16,14 @@ def _axis(run: Run) -> tuple[Array, str]:
     return (np.arange(len(run.names), dtype=float), "frame") if run.time is None else (run.time, "time (s)")
 
 
+def mark_lost(axes: Axes, at: Array, run: Run) -> None:
+    """Mark frames without an angle by ticks at α = 0, in a colour for each status; ``at`` (n,) are their times."""
+    for status, colour in _LOST.items():
+        where = np.array([m.status == status for m in run.measurements])
+        if where.any():
+            axes.plot(at[where], np.zeros(where.sum()), "|", color=colour, ms=9, label=status, rasterized=True)
+
+
 def trace(run: Run) -> Figure:
     """Draw α over time with its intervals, alarms as bands, and at the foot the reasons for frames without α."""
     figure = Figure(figsize=(12, 4.2), layout="constrained")
@@ -29,10 +37,7 @@ def trace(run: Run) -> Figure:
     axes.fill_between(at, *ends.T, color=GREY, alpha=0.45, lw=0, label="95 % interval", rasterized=True)
     axes.plot(at, alpha, color=BLUE, label="α", rasterized=True, **style)
     axes.axhline(10, color=RED, lw=1, ls="--", label="danger, 10°")
-    for status, colour in _LOST.items():
-        where = np.array([m.status == status for m in run.measurements])
-        if where.any():
-            axes.plot(at[where], np.zeros(where.sum()), "|", color=colour, ms=9, label=status, rasterized=True)
+    mark_lost(axes, at, run)
     top = np.nanmax(alpha, initial=0.0)
     axes.set(xlabel=label, ylabel="α (deg)", ylim=(-0.4, max(top * 1.08, 11.0)), xlim=_span(at))
     axes.legend(fontsize=8, loc="upper right", ncols=4)

@@ -29,11 +29,11 @@ def page(run: Run, stills: Mapping[int, bytes]) -> str:
         largest=int(np.nanargmax(run.alpha)) if np.isfinite(run.alpha).any() else None,
         head=HEAD,
         beside_paper=beside_paper(run),
-        reasons=_reasons(run),
+        reasons=reasons(run),
     )
 
 
-def _reasons(run: Run) -> list[tuple[str, str, int]]:
+def reasons(run: Run) -> list[tuple[str, str, int]]:
     """Count statuses and reasons; numbers within a reason are left out, because they concern one frame."""
     counted = Counter((m.status, re.sub(r"\d", "#", m.reason)) for m in run.measurements if m.status != "ok")
     return [(*key, count) for key, count in counted.most_common(20)]

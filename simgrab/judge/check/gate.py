@@ -21,8 +21,8 @@ from simgrab.judge.check import cache, golden
 from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Suite, load
-from simgrab.judge.check.trial import Trial, constant_answer, trial
-from simgrab.judge.check.verdicts import Verdict, of_trial
+from simgrab.judge.check.trial import Trial, trial
+from simgrab.judge.check.verdicts import Verdict, lax, of_trial
 from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
@@ -138,7 +138,7 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
                 failure = tuple(of_trial(name, found[-1], {}, None, 1))
                 return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
         verdicts = tuple(of_trial(name, found[0], suite.limits_of(name), None, 1))
-        scenes[name] = Outcome(verdicts, found[0].metrics, time.perf_counter() - begun)
+        scenes[name] = Outcome(verdicts, found[0].metrics, time.perf_counter() - begun, trial=found[0])
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     notes = (f"recorded over {len(several)} seeds in {printable(folder)}",)
     return Report(suite.name, instrument.name, suite.seed, (), notes, scenes)
@@ -188,8 +188,9 @@ def _scene(
     if blind := [v.what for v in verdicts if recorded and v.value is not None and v.reference is None]:
         why = "because the baseline has too few values"
         notes.append(f"{name}: compared with limits only, {why}: {', '.join(blind)}")
-    if warning := constant_answer(name, dataset, limits):
-        notes.append(warning)
+    if met := lax(verdicts, limits):
+        passed = ", ".join(f"{v.what} {v.limit} (it has {v.constant:.4g})" for v in met)
+        notes.append(f"{name}: warning: an instrument that always answers the same angle would pass {passed}")
     if not (limits or frames):
         notes.append(f"{name}: nothing is judged, because it has no limits")
     for frame in frames if seed == suite.seed else ():
@@ -197,7 +198,7 @@ def _scene(
         verdicts.append(verdict)
         if difference is not None:
             pictures[f"{name}-{frame:06d}.png"] = difference
-    return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures, tuple(notes))
+    return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures, tuple(notes), found)
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: CheckOptions) -> Dataset:

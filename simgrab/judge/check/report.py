@@ -1,4 +1,4 @@
-"""Result of a check, and its output formats: JSON, JUnit XML, pictures."""
+"""Result of a check, and its output formats: JSON, JUnit XML, a page, pictures."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from simgrab.errors import SuiteError
 from simgrab.io.destination import writing
 from simgrab.io.files import write
 from simgrab.io.parse import read_json
-from simgrab.judge.check.trial import Metrics
+from simgrab.judge.check.trial import Metrics, Trial
 from simgrab.judge.check.verdicts import Verdict
 
-RESULT, JUNIT, PICTURES = "check.json", "junit.xml", "golden"
+RESULT, JUNIT, PAGE, PICTURES = "check.json", "junit.xml", "check.html", "golden"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,9 @@ class Outcome:
     pictures : mapping of str to ndarray of uint8, shape (height, width, 3)
         Pictures of golden frames that differ, by file name; RGB.
     notes : tuple of str
-        Missing references, and errors that the limits do not catch.
+        Missing references, and limits that a constant answer meets.
+    trial : Trial or None
+        What was measured, for the page.
     """
 
     verdicts: tuple[Verdict, ...]
@@ -44,6 +46,7 @@ class Outcome:
     seconds: float
     pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    trial: Trial | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +114,8 @@ def as_junit(report: Report) -> bytes:
     }  # fmt: skip
     root = ElementTree.Element("testsuites")
     suite = ElementTree.SubElement(root, "testsuite", {"name": f"simgrab.{report.suite}"} | totals)
+    properties = ElementTree.SubElement(suite, "properties")
+    ElementTree.SubElement(properties, "property", {"name": "report", "value": PAGE})
     for verdict in report.verdicts:
         place = ".".join(filter(None, ("simgrab", report.suite, verdict.scene)))
         case = ElementTree.SubElement(
@@ -118,8 +123,15 @@ def as_junit(report: Report) -> bytes:
         )
         if verdict.status != "passed":
             tag = "failure" if verdict.status == "failed" else "skipped"
-            ElementTree.SubElement(case, tag, {"message": _printable(verdict.message)})
+            found = ElementTree.SubElement(case, tag, {"message": _printable(verdict.message)})
+            found.text = _printable(f"see {PAGE}#{anchor(verdict.scene)}")
+    ElementTree.SubElement(suite, "system-out").text = "\n".join(map(_printable, report.notes))
     return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def anchor(scene: str) -> str:
+    """Name of a scene's part of the page, where its name may hold blanks."""
+    return scene.replace(" ", "_")
 
 
 def _printable(text: str) -> str:
@@ -127,8 +139,15 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def save(report: Report, out: Path) -> None:
-    """Write ``check.json``, ``junit.xml`` and ``golden/``, each file whole or not at all.
+def save(report: Report, out: Path, page: str) -> None:
+    """Write ``check.json``, ``check.html``, ``junit.xml`` and ``golden/``, each file whole or not at all.
+
+    Parameters
+    ----------
+    report : Report
+    out : Path
+    page : str
+        What `simgrab.judge.check.page.page` makes of the report.
 
     Raises
     ------
@@ -140,6 +159,7 @@ def save(report: Report, out: Path) -> None:
             (out / name).unlink(missing_ok=True)
         for name, picture in report.pictures.items():
             write(out / PICTURES / name, cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes())
+        write(out / PAGE, page)
         write(out / JUNIT, as_junit(report))
         write(out / RESULT, as_json(report))
 

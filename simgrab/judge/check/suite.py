@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import re
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -51,9 +52,14 @@ class Limit(Checked, frozen=True):
         if self.lower is not None and self.upper is not None and self.lower > self.upper:
             raise ValueError(f"lower ({self.lower:g}) must not be above upper ({self.upper:g})")
 
+    def excess(self, value: float) -> float:
+        """By how much a value lies beyond the limits; 0 or negative within them."""
+        below = -math.inf if self.lower is None else self.lower - value
+        return max(below, -math.inf if self.upper is None else value - self.upper)
+
     def holds(self, value: float) -> bool:
         """Whether a value lies within the limits."""
-        return (self.lower is None or value >= self.lower) and (self.upper is None or value <= self.upper)
+        return self.excess(value) <= 0
 
     def __str__(self) -> str:
         ends = [f"{sign} {end:g}" for sign, end in (("≥", self.lower), ("≤", self.upper)) if end is not None]
@@ -71,6 +77,8 @@ class SuiteScene(Checked, frozen=True):
         Number of frames; None for the scene's own.
     seed : int or None
         Seed of the scene under the suite's own seed; None to derive it from the suite's seed and the scene's name.
+    size : str or None
+        Size of the pictures as ``640x360``, px, which then show the same view; None for the suite's.
     changes : dict
         Dotted keys of the scenario; they override the suite's.
     limits : dict of str to Limit
@@ -84,6 +92,7 @@ class SuiteScene(Checked, frozen=True):
     scene: str
     frames: Annotated[int, Meta(ge=1, le=10_000_000)] | None = None
     seed: Seed | None = None
+    size: str | None = None
     changes: dict[str, Any] = msgspec.field(default_factory=dict)
     limits: dict[str, Limit] = msgspec.field(default_factory=dict)
     golden: Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(max_length=1000)] = ()
@@ -105,8 +114,8 @@ class Suite(Checked, frozen=True):
         Folder of the records, relative to the suite, by default ``baselines/NAME``; `load` makes it a full path.
     least_ssim : float
         SSIM that every tile of golden frames must reach with another renderer (`simgrab.judge.check.golden`).
-    changes, limits : dict
-        Of every scene, as in `SuiteScene`.
+    size, changes, limits : str or None, dict, dict
+        Of every scene, as in `SuiteScene`; without a size, each scene has its own.
     scenes : dict of str to SuiteScene
     """
 
@@ -120,6 +129,7 @@ class Suite(Checked, frozen=True):
     seeds: Annotated[int, Meta(ge=1, le=1000)] = 10
     baseline: str = ""
     least_ssim: Annotated[float, Meta(ge=0, le=1)] = 0.8
+    size: str | None = None
     changes: dict[str, Any] = msgspec.field(default_factory=dict)
     limits: dict[str, Limit] = msgspec.field(default_factory=dict)
 
@@ -159,8 +169,9 @@ class Suite(Checked, frozen=True):
         changes["seed"] = derive(seed, name) if own is None else own
         if scene.frames is not None:
             changes["frames"] = scene.frames
+        size = scene.size or self.size
         try:
-            scenario = scenes.load(scene.scene, changes)
+            scenario = scenes.load(scene.scene, changes, size=scenes.parse_size(size) if size else None)
         except ScenarioError as problem:
             raise SuiteError(f"scenes.{name}: {problem}") from None
         varied = [key for key in scenario.vary if any(part.startswith(CAMERA) for part in key.split("+"))]

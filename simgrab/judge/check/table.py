@@ -42,11 +42,12 @@ def _table(report: Report) -> Table:
         table.add_column(name, justify="right")
     table.add_column("")
     for verdict in report.verdicts:
-        table.add_row(*map(cell, _cells(verdict)), f"[{COLOURS[verdict.status]}]{verdict.status}[/]")
+        table.add_row(*map(cell, cells(verdict)), f"[{COLOURS[verdict.status]}]{verdict.status}[/]")
     return table
 
 
-def _cells(verdict: Verdict) -> tuple[str, ...]:
+def cells(verdict: Verdict) -> tuple[str, str, str, str, str]:
+    """Write scene, metric, value, limit and baseline."""
     value = "" if verdict.value is None else f"{verdict.value:.4g}"
     past = ""
     if verdict.reference is not None and verdict.allowed is not None:

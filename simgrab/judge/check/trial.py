@@ -13,13 +13,16 @@ from simgrab.dataset.datasets import Dataset
 from simgrab.errors import InstrumentError
 from simgrab.instrument.contract import Instrument
 from simgrab.instrument.run.run import measure
+from simgrab.instrument.run.runs import Run
 from simgrab.instrument.run.subject import one_line
 from simgrab.instrument.source import open_source
 from simgrab.judge.check.suite import Limit
-from simgrab.judge.evaluate import swings
+from simgrab.judge.evaluate import swings, truths
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.truths import Truths
+from simgrab.judge.evaluate.values import Evaluation
 from simgrab.model import calibration
+from simgrab.model.geometry import Array
 
 _ANSWERS = 101  # between the least and the largest true angle: the best is hardly better than the best of these
 Metrics = Mapping[str, float | None]
@@ -36,28 +39,33 @@ class Trial:
         Metrics by dotted name; None if there was nothing to count. Empty if the instrument failed.
     problem : str
         Why the instrument failed.
+    run, known, evaluation : Run, Truths and Evaluation, or None
+        What was measured, the truth of its frames, and both compared; None if the instrument failed.
     """
 
     dataset: Dataset
     metrics: Metrics
     problem: str = ""
+    run: Run | None = None
+    known: Truths | None = None
+    evaluation: Evaluation | None = None
 
 
 def trial(dataset: Dataset, instrument: Instrument) -> Trial:
     """Let an instrument measure a dataset, and evaluate; its failure is a result too."""
     try:
-        return Trial(dataset, measured(dataset, instrument))
+        return measured(dataset, instrument)
     except InstrumentError as problem:
         return Trial(dataset, {}, str(problem))
 
 
-def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
+def measured(dataset: Dataset, instrument: Instrument) -> Trial:
     """Let an instrument measure a dataset, and evaluate.
 
     Returns
     -------
-    mapping of str to float or None
-        Results of `simgrab.judge.evaluate.evaluation.evaluate`, by dotted name.
+    Trial
+        Its metrics are the numbers of `simgrab.judge.evaluate.evaluation.evaluate`.
 
     Raises
     ------
@@ -69,7 +77,9 @@ def measured(dataset: Dataset, instrument: Instrument) -> Metrics:
     with one_line(instrument.name):
         run = measure(source, camera, instrument, source=source.name)
     with one_line(f"{instrument.name}: cannot be evaluated"):
-        return flat(evaluate(run, dataset.path).to_dict())
+        known = truths.of(run, dataset.path)
+        found = evaluate(run, known)
+    return Trial(dataset, flat(found.to_dict()), "", run, known, found)
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]:
@@ -91,27 +101,33 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]
     return result
 
 
-def constant_answer(scene: str, dataset: Dataset, limits: Mapping[str, Limit]) -> str:
-    """Return a note that a constant answer meets every limit on errors of the angle; empty if none does.
+def of_angle(metric: str) -> bool:
+    """Whether a metric is an error of the swing angle."""
+    return metric.startswith("angle.") and metric.endswith("_deg")
 
-    Parameters
-    ----------
-    scene : str
-        Its name in the suite.
-    dataset : Dataset
-        Its frames.
-    limits : mapping of str to Limit
-        By metric; those on other figures are left out.
+
+def naive(known: Truths, limits: Mapping[str, Limit]) -> dict[str, tuple[float | None, float | None]]:
+    """Return what instruments without any picture would reach of the metrics of the angle that have limits.
+
+    Returns
+    -------
+    dict of str to tuple of 2 floats or None
+        The metric of the constant answer that is best for its limit, and of one that answers the true swing of the
+        frame before. The latter is None for frames that do not follow each other in time.
     """
-    limits = {name: limit for name, limit in limits.items() if name.startswith("angle.") and name.endswith("_deg")}
-    known = Truths(dataset.rows, tuple(map(dataset.weather, dataset.rows)), dataset.least_visible_fraction)
     true = known.alpha
+    limits = {name: limit for name, limit in limits.items() if of_angle(name)}
     if not limits or not np.isfinite(true).any():
-        return ""
-    for answer in np.linspace(np.nanmin(true), np.nanmax(true), _ANSWERS):
-        errors = swings.angles(np.full(len(true), answer), true, known.rope_length, known.weather)
-        values = flat({"angle": errors})
-        if all((value := values.get(name)) is not None and limit.holds(value) for name, limit in limits.items()):
-            accepted = ", ".join(f"{name} {limit}" for name, limit in limits.items())
-            return f"{scene}: an instrument that always answers {np.rad2deg(answer):.1f}° would pass {accepted}"
-    return ""
+        return {}
+
+    def metrics(answer: Array) -> Metrics:
+        return flat({"angle": swings.angles(answer, true, known.rope_length, known.weather)})
+
+    constant = [metrics(np.full(len(true), a)) for a in np.linspace(np.nanmin(true), np.nanmax(true), _ANSWERS)]
+    clip = np.array([np.nan if row is None or row.clip is None else row.clip for row in known.rows], float)
+    last = metrics(np.where(np.diff(clip, prepend=np.nan) == 0, np.append(np.nan, true[:-1]), np.nan))
+    found = {}
+    for name, limit in limits.items():
+        values = [value for of_answer in constant if (value := of_answer.get(name)) is not None]
+        found[name] = (min(values, key=limit.excess, default=None), last.get(name))
+    return found

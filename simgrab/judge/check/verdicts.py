@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import msgspec
@@ -11,7 +11,7 @@ from simgrab.judge.check import baseline as base
 from simgrab.judge.check.baseline import Baseline, Reference
 from simgrab.judge.check.metrics import unknown
 from simgrab.judge.check.suite import Limit
-from simgrab.judge.check.trial import Metrics, Trial
+from simgrab.judge.check.trial import Metrics, Trial, naive
 
 Status = Literal["passed", "failed", "skipped"]
 
@@ -33,6 +33,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
         Text of the limit.
     reference, allowed : float or None
         Value of the baseline, and by how much the metric may be worse.
+    constant, last_value : float or None
+        What instruments without any picture would reach, see `simgrab.judge.check.trial.naive`.
     message : str
         What failed or was skipped, and why.
     """
@@ -44,6 +46,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     limit: str = ""
     reference: float | None = None
     allowed: float | None = None
+    constant: float | None = None
+    last_value: float | None = None
     message: str = ""
 
 
@@ -65,18 +69,31 @@ def of_trial(
     if trial.problem:
         return [Verdict(scene=scene, what="instrument", status="failed", message=trial.problem)]
     labels = trial.dataset.data.labels_sha256
+    naive_metrics = naive(trial.known, limits) if trial.known else {}
     result = []
     for metric, limit in limits.items():
         past = base.reference(recorded.scenes[scene], metric, limit, labels, comparisons) if recorded else None
-        result.append(_of_metric(scene, metric, trial.metrics, limit, past))
+        constant, last_value = naive_metrics.get(metric, (None, None))
+        verdict = _of_metric(scene, metric, trial.metrics, limit, past)
+        result.append(msgspec.structs.replace(verdict, constant=constant, last_value=last_value))
     return result
+
+
+def lax(verdicts: Sequence[Verdict], limits: Mapping[str, Limit]) -> list[Verdict]:
+    """Return the verdicts on errors of the angle whose limits a constant answer meets.
+
+    One on the bias, which a constant answer can always make 0, is among them only if all are.
+    """
+    angle = [verdict for verdict in verdicts if verdict.constant is not None]
+    met = [verdict for verdict in angle if limits[verdict.what].holds(verdict.constant or 0.0)]
+    return met if len(met) == len(angle) else [v for v in met if not v.what.endswith(".bias_deg")]
 
 
 def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Reference | None) -> Verdict:
     value = metrics.get(metric)
     problems = []
     if value is None:
-        problems.append(_nothing(metric))
+        problems.append(_nothing(metric, metrics))
     else:
         if not limit.holds(value):
             problems.append(f"{value:.4g} is outside of {limit}")
@@ -90,6 +107,8 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
     )  # fmt: skip
 
 
-def _nothing(metric: str) -> str:
+def _nothing(metric: str, metrics: Metrics) -> str:
     """Return why there is no value."""
+    if metric.startswith(("angle.", "interval.")) and metrics.get("frames.ok") == 0:
+        return "no value: no frame has an angle"
     return unknown(metric) or "no value: the instrument did not output the field, or the scene has no such data"

@@ -121,7 +121,7 @@ def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
     off = off[np.isfinite(off)]
     if not reads and not len(off):
         return None
-    (scores,) = reading.as_json([reading.score(reads)])
+    scores = msgspec.to_builtins(reading.score(reads))
     return scores | {
         "jumps": sum(m.rope_status == "jump" for m in run.measurements),
         "length": {

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.instrument.run.figures import BLUE, GREY, RED
+from simgrab.instrument.run.figures import BLUE, GREY, RED, mark_lost
 from simgrab.instrument.run.runs import Run
 from simgrab.judge.evaluate.table import tables
 from simgrab.judge.evaluate.truths import Truths
@@ -32,12 +32,13 @@ def trace(run: Run, known: Truths) -> Figure:
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     timed = run.time is not None
     at = run.time if run.time is not None else np.arange(len(run.names), dtype=float)
-    style: dict[str, Any] = {"lw": 0.9} if timed else {"lw": 0, "marker": ".", "ms": 3}
+    style: dict[str, Any] = {"lw": 0.9} if timed else {"lw": 0, "marker": ".", "ms": 3 if len(at) > 200 else 7}
     alpha, true = np.rad2deg(run.alpha), np.rad2deg(known.alpha)
     above.plot(at, true, color=GREY, label="true", rasterized=True, **(style | ({"lw": 2.2} if timed else {})))
     above.plot(at, alpha, color=BLUE, label="measured", rasterized=True, **style)
+    mark_lost(above, at, run)
     above.axhline(10, color=RED, lw=1, ls="--")
-    above.set(ylabel="α (deg)", ylim=(0, None))
+    above.set(ylabel="α (deg)", ylim=(-0.4, None))
     above.legend(fontsize=8, loc="upper right")
     ends = np.rad2deg(np.array([(m.alpha_low, m.alpha_high) for m in run.measurements], float).reshape(-1, 2))
     below.fill_between(at, ends[:, 0] - alpha, ends[:, 1] - alpha, color=GREY, alpha=0.45, lw=0, rasterized=True)

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import msgspec
 
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.judge.evaluate.values import GroupScore, Share, Wrong
@@ -76,19 +73,8 @@ def score(reads: Sequence[Read], group: str = "all") -> GroupScore:
     )
 
 
-def by_group(reads: Sequence[Read]) -> tuple[GroupScore, ...]:
-    """Score each group in the order of its first frame, and then all together."""
-    groups = dict.fromkeys(r.group for r in reads)
-    return *(score([r for r in reads if r.group == group], group) for group in groups), score(reads)
-
-
 def _pairs(read: Read) -> Iterable[tuple[str, str]]:
     """Each digit as it was read and as it is."""
     found = [c for c in read.reading.text if c.isdigit() or c == "?"]
     shown = [c for c in read.text if c.isdigit()]
     return zip(found, shown, strict=True)
-
-
-def as_json(scores: Sequence[GroupScore]) -> list[dict[str, Any]]:
-    """Plain data, with intervals and every wrong frame."""
-    return [msgspec.to_builtins(one) for one in scores]

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from simgrab.io import photographs
 from simgrab.model.scenario.base import Azimuth, Cargo, File, OfFile, Sha256, Share, Strict, Tagged, about
+from simgrab.model.scenario.grab import Mesh
 
 
 class Jib(Strict, frozen=True):
@@ -83,11 +84,13 @@ Kind = Literal["four-rope", "clamshell", "orange-peel", "scissors", "assembled"]
 class Clutter(Strict, frozen=True):
     """What stands about that could be mistaken: grabs of other cranes, parked, as many as find level ground.
 
-    Each is of one of ``kinds``, and of random size and proportions where its kind has any.
+    Each is of one of ``kinds``, and of random size and proportions where its kind has any; or it is a model of a file.
     """
 
     other_grabs: Annotated[int, about("Number of parked grabs, as many as find level ground.", ge=0, le=4)] = 0
-    kinds: Annotated[tuple[Kind, ...], about("Kinds that are drawn.", min_length=1)] = ("four-rope",)
+    kinds: Annotated[
+        tuple[Kind | Mesh, ...], about("Kinds that are drawn, or models as in `[grab]`.", min_length=1)
+    ] = ("four-rope",)
 
 
 class Light(Strict, frozen=True):

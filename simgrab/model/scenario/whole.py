@@ -160,7 +160,8 @@ class Scenario(Strict, frozen=True):
     @property
     def models(self) -> tuple[models.ModelFile, ...]:
         """Models of users' own grabs, and users' photographs and fonts, that are known in this process."""
-        named = dict.fromkeys(_models([self.grab, self.place, self.display.font, *self.vary.values()]))
+        tables = [self.grab, self.place, *self.clutter.kinds, self.display.font, *self.vary.values()]
+        named = dict.fromkeys(_models(tables))
         return tuple(model for name, sha256 in named if (model := models.find(sha256, name)))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -206,6 +207,8 @@ def _models(values: Iterable[Any]) -> Iterator[tuple[str, str]]:
                 yield from _models(value.values)
             case dict():
                 yield from _models(value.values())
+            case list() | tuple():
+                yield from _models(value)
 
 
 def without_none(value: Any) -> Any:

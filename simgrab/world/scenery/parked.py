@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from simgrab.model.geometry import rotation_z
-from simgrab.model.scenario import Clutter
+from simgrab.model.scenario import Clutter, Mesh
 from simgrab.world.scenery.clearance import CELL_M, HeightMap
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import Design
@@ -52,10 +52,10 @@ def parked_grabs(
     return parts
 
 
-def _design(kinds: Sequence[str], rng: np.random.Generator) -> Design:
+def _design(kinds: Sequence[str | Mesh], rng: np.random.Generator) -> Design:
     """Draw a grab of one of the kinds; a single kind of fixed shape needs no draw."""
-    kind = kinds[0] if len(kinds) == 1 else str(rng.choice(list(kinds)))
-    return design_of(any_of(kind, rng, volume_m3=(3.0, 8.0)))
+    kind = kinds[0 if len(kinds) == 1 else int(rng.choice(len(kinds)))]
+    return design_of(kind if isinstance(kind, Mesh) else any_of(kind, rng, volume_m3=(3.0, 8.0)))
 
 
 def _spots(ground: HeightMap, lowest: float, rng: np.random.Generator) -> Iterator[np.ndarray]:

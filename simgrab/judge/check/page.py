@@ -1,0 +1,198 @@
+"""A check as one HTML page that states why it failed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from simgrab.dataset import preview
+from simgrab.instrument.contract import Measurement, Picture
+from simgrab.instrument.run.page import reasons
+from simgrab.io import pictures
+from simgrab.judge.check.report import Outcome, Report, anchor
+from simgrab.judge.check.table import cells
+from simgrab.judge.check.trial import Trial
+from simgrab.judge.check.verdicts import Verdict
+from simgrab.judge.evaluate.page import chain, trace
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import grab_centre, swing_of
+from simgrab.model.truth import Row
+from simgrab.reports import html
+
+_HEAD = ("figure", "result", "value", "limit", "baseline (may be worse by)", "best constant answer", "last value")
+_WORST, _WITHOUT = 4, 2  # frames that are shown: of the largest errors, and without an angle
+_MEASURED = (255, 60, 0)  # BGR: blue, as the measured angle in the figures
+_GOLDEN_WIDTH_PX = 1200
+_MEANINGS = {
+    "angle.overall.rmse_deg": "root mean square error of the swing angle, degrees",
+    "angle.overall.bias_deg": "mean error of the swing angle, degrees",
+    "angle.overall.p95_deg": "error of the swing angle that 95 % of the frames stay below, degrees",
+    "angle.overall.max_deg": "largest error of the swing angle, degrees",
+    "frames.ok": "number of frames with an angle",
+    "detection.recall": "share of the visible grabs that were found",
+    "detection.map50_95": "mean average precision of the boxes",
+    "detection.centre.median_px": "median error of the grab's centre, pixels",
+    "reading.digits_right.value": "share of the digits read that are right",
+    "reading.frames_refused.value": "share of the frames whose display was not read",
+}
+
+
+def page(report: Report) -> str:
+    """Write the page, which needs no other file."""
+    failures = [verdict for verdict in report.verdicts if verdict.status == "failed"]
+    return html.page(
+        "check.html",
+        report=report,
+        failures=[(anchor(v.scene), v, _MEANINGS.get(v.what, "")) for v in failures],
+        general=_table(report.general),
+        scenes=[_scene(name, outcome) for name, outcome in report.scenes.items()],
+    )
+
+
+def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
+    trial, failed = outcome.trial, [verdict.what for verdict in outcome.verdicts if verdict.status == "failed"]
+    budget = trial.evaluation["budget"] if trial and trial.evaluation else None
+    return {
+        "name": name,
+        "anchor": anchor(name),
+        "failed": bool(failed),
+        "notes": outcome.notes,
+        "causes": list(causes(trial, failed)) if trial and failed else [],
+        "table": _table(outcome.verdicts),
+        "trace": trace(trial.run, trial.known) if trial and trial.run and trial.known else None,
+        "worst": list(_worst(trial)) if trial else [],
+        "budget": None if budget is None else chain(budget),
+        "golden": [(file, _golden(picture)) for file, picture in outcome.pictures.items()],
+    }
+
+
+def _table(verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """Lay verdicts out as rows, without columns that are empty throughout."""
+    rows = []
+    for verdict in verdicts:
+        _, what, *values = cells(verdict)
+        naive = ("" if v is None else f"{v:.4g}" for v in (verdict.constant, verdict.last_value))
+        rows.append((what, verdict.status, *values, *naive))
+    used = [i for i in range(len(_HEAD)) if i < 2 or any(row[i] for row in rows)]
+    return {
+        "head": [_HEAD[i] for i in used],
+        "rows": [[row[i] for i in used] for row in rows],
+        "bad": [i for i, verdict in enumerate(verdicts) if verdict.status == "failed"],
+    }
+
+
+def causes(trial: Trial, failed: Sequence[str]) -> Iterator[str]:
+    """State in sentences what the errors of a scene consist of; nothing where the instrument failed.
+
+    Parameters
+    ----------
+    trial : Trial
+    failed : sequence of str
+        Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did.
+    """
+    if trial.run is None or trial.known is None or trial.evaluation is None:
+        return
+    run, true = trial.run, trial.known.alpha
+    if lost := reasons(run):
+        listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
+        yield f"{sum(count for *_, count in lost)} of {len(true)} frames have no angle: {listed}."
+    offset = [trial.metrics.get(f"detection.centre.{axis}_mean_px") for axis in "uv"]
+    if offset[0] is not None and offset[1] is not None and any(what.startswith("detection.centre") for what in failed):
+        right, down = "right of" if offset[0] > 0 else "left of", "below" if offset[1] > 0 else "above"
+        yield (
+            f"On average the measured centre lies {abs(offset[0]):.1f} px {right} and {abs(offset[1]):.1f} px {down} "
+            "the true one."
+        )
+    if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
+        return
+    both = np.isfinite(run.alpha) & np.isfinite(true)
+    bias, rmse = (trial.metrics[f"angle.overall.{name}_deg"] for name in ("bias", "rmse"))
+    if bias is None or rmse is None:
+        return
+    spread, true_spread = (float(np.rad2deg(angle[both].std())) for angle in (run.alpha, true))
+    if spread < true_spread / 10:
+        yield (
+            f"The measured angle hardly follows the swing: its standard deviation is {spread:.2f}°, that of the true "
+            f"swing {true_spread:.2f}°."
+        )
+    elif bias**2 > rmse**2 / 2:
+        rest = math.sqrt(max(rmse**2 - bias**2, 0.0))
+        yield (
+            f"Most of the error is an offset: on average, the measured angle is {abs(bias):.2f}° too "
+            f"{'large' if bias > 0 else 'small'}. Without it the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
+        )
+    budget = trial.evaluation.budget
+    if budget is None:
+        return
+    fed = budget.chain[-1].rmse_deg  # estimated from the run's own centres and lengths
+    if fed is not None and budget.run.rmse_deg is not None and budget.run.rmse_deg > 2 * fed:
+        yield (
+            f"From the centres and rope lengths that this pipeline measured, simgrab's estimator {budget.estimator} "
+            f"computes angles with an RMSE of {fed:.2f}°: the error arises after them, where the angle is computed."
+        )
+    else:
+        yield f"Largest contribution in the error budget below: {budget.limit}."
+
+
+def _worst(trial: Trial) -> Iterator[tuple[bytes, str]]:
+    """Draw the frames of the largest errors, and the first labelled ones without an angle, with a caption each."""
+    if trial.run is None or trial.known is None:
+        return
+    run, known = trial.run, trial.known
+    off = np.abs(run.alpha - known.alpha)
+    worst = np.argsort(-off)[: np.isfinite(off).sum()]  # NaN comes last
+    without = np.flatnonzero(~np.isfinite(run.alpha) & known.labelled)
+    apart = 1 if run.time is None else max(len(off) // 10, 1)  # frames that follow each other look the same
+    for i in (*_spread(worst.tolist(), apart, _WORST), *_spread(without.tolist(), apart, _WITHOUT)):
+        row, measured = known.rows[i], run.measurements[i]
+        if row is not None:
+            picture = pictures.read(trial.dataset.image(row))[..., ::-1]
+            yield pictures.encode(_annotated(picture, row, measured), "jpeg", 80), _caption(row, measured)
+
+
+def _spread(frames: Sequence[int], apart: int, most: int) -> list[int]:
+    """Choose the first frames that are so many apart."""
+    chosen: list[int] = []
+    for i in frames:
+        if len(chosen) < most and all(abs(i - other) >= apart for other in chosen):
+            chosen.append(i)
+    return chosen
+
+
+def _annotated(picture: Picture, row: Row, measured: Measurement) -> Picture:
+    """Draw truth and measurement into a reduced picture, BGR."""
+    tile, scale = preview.annotate(picture, row)[: -preview.CAPTION_HEIGHT].copy(), preview.TILE_WIDTH / row.width_px
+
+    def at(u: float, v: float) -> tuple[int, int]:
+        return round(float(np.clip(u * scale, -9999, 9999))), round(float(np.clip(v * scale, -9999, 9999)))
+
+    if measured.box is not None:
+        x0, y0, x1, y1 = measured.box
+        cv2.rectangle(tile, at(x0, y0), at(x1, y1), _MEASURED, 1, cv2.LINE_AA)
+    if measured.centre is not None:
+        cv2.drawMarker(tile, at(*measured.centre), _MEASURED, cv2.MARKER_CROSS, 18, 2, cv2.LINE_AA)
+    if measured.alpha is not None:
+        _, azimuth, rope = swing_of(labels.pose(row.jib_from_grab).translation)
+        there = labels.pose(row.jib_from_camera).local(grab_centre(measured.alpha, azimuth, rope))
+        pixel = labels.intrinsics(row).project(there)
+        if np.isfinite(pixel).all():
+            cv2.circle(tile, at(*pixel.tolist()), 9, _MEASURED, 2, cv2.LINE_AA)
+    return tile
+
+
+def _caption(row: Row, measured: Measurement) -> str:
+    if measured.alpha is None:
+        return f"Frame {row.frame}: true {row.alpha_deg:.2f}°, no angle: {measured.status} ({measured.reason})"
+    alpha = math.degrees(measured.alpha)
+    return f"Frame {row.frame}: true {row.alpha_deg:.2f}°, measured {alpha:.2f}°, error {alpha - row.alpha_deg:+.2f}°"
+
+
+def _golden(picture: Picture) -> bytes:
+    """Reduce the comparison of a golden frame, RGB."""
+    scale = min(_GOLDEN_WIDTH_PX / picture.shape[1], 1.0)
+    small = cv2.resize(picture[..., ::-1], None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return pictures.encode(small, "jpeg", 80)
