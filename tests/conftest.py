@@ -64,13 +64,14 @@ def as_options(changes):
     return [part for key, value in changes.items() for part in ("--set", f"{key}={toml(value)}")]
 
 
-def by_yolo(folder, split):
+def by_yolo(folder, split, *, oriented=False):
     """Number, BGR picture and detections of a split's frames, as a trainer's loader reads them."""
     supervision = pytest.importorskip("supervision")
     loaded = supervision.DetectionDataset.from_yolo(
         images_directory_path=str(folder / "images" / split),
         annotations_directory_path=str(folder / "labels" / split),
         data_yaml_path=str(folder / "data.yaml"),
+        is_obb=oriented,
     )
     assert loaded.classes == ["grab"]
     for path, picture, detections in loaded:

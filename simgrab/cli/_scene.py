@@ -12,7 +12,10 @@ from simgrab.errors import ScenarioError
 if TYPE_CHECKING:
     from simgrab.model.scenario import Scenario
 
-SHORT_NAMES = {"beta": "camera.beta_deg", "sigma": "swing.alpha.sigma_deg", "frames": "frames", "seed": "seed"}
+SHORT_NAMES = {
+    "beta": "camera.beta_deg", "sigma": "swing.alpha.sigma_deg", "frames": "frames", "seed": "seed",
+    "yolo": "labels.yolo",
+}  # fmt: skip
 
 
 # SCENE and what changes it.
@@ -47,7 +50,7 @@ extension_options = together(
 )
 
 
-def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **short: float | None) -> Scenario:
+def load_scene(scene: str, assignments: tuple[str, ...], size: str | None, **short: float | str | None) -> Scenario:
     """Read the scene that the options describe; short options override ``--set``, and ``--size`` is applied last."""
     from simgrab.model import scenes
     from simgrab.model.scenario import Dynamic

@@ -10,7 +10,7 @@ from simgrab.cli._options import FOLDER_OR_URL
 from simgrab.cli._progress import bar
 from simgrab.text import printable
 
-FORMATS = ("yolo", "coco", "voc", "webdataset", "hf", "simgrab")
+FORMATS = ("yolo", "yolo-pose", "yolo-seg", "yolo-obb", "coco", "voc", "webdataset", "hf", "simgrab")
 
 
 @click.command(name="export")
@@ -24,8 +24,9 @@ FORMATS = ("yolo", "coco", "voc", "webdataset", "hf", "simgrab")
 def command(dataset: str, layout: str, out: Path | str, shard_frames: int | None, quiet: bool) -> None:
     """Write DATASET (a folder, or the URL of a dataset of shards) in the layout of another tool.
 
-    yolo: images, text labels, data.yaml. coco: images and JSON. voc: Pascal VOC's XML. webdataset: tar archives.
-    hf: Parquet for Hugging Face datasets. simgrab: the folder that `simgrab render` writes.
+    yolo: images, text labels, data.yaml; -pose, -seg, -obb: with key points, polygons or oriented boxes. coco: images
+    and JSON. voc: Pascal VOC's XML. webdataset: tar archives. hf: Parquet for Hugging Face datasets. simgrab: the
+    folder that `simgrab render` writes.
     """
     from simgrab.dataset.export import export
 

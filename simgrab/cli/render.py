@@ -22,6 +22,11 @@ from simgrab.text import printable
 @click.option(
     "--out", type=FOLDER_OR_URL, help="Folder of the dataset, or URL of a dataset of shards.  [default: runs/SCENE]"
 )
+@click.option(
+    "--yolo",
+    type=click.Choice(("box", "pose", "seg", "obb")),
+    help="YOLO labels: boxes, key points, polygons or oriented boxes.  [default: box]",
+)
 @click.option("--video", type=FILE, help="Write a video (.mp4, .mkv); add --out for a dataset too.")
 @click.option("--workers", type=AUTO_WORKERS, default="auto", show_default=True, help="Worker processes, or auto.")
 @cluster_option
@@ -32,7 +37,7 @@ from simgrab.text import printable
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
     scene: str, beta: float | None, sigma: float | None, frames: int | None, seed: int | None, size: str | None,
-    assignments: tuple[str, ...], out: Path | str | None, video: Path | None, workers: int | None,
+    assignments: tuple[str, ...], out: Path | str | None, yolo: str | None, video: Path | None, workers: int | None,
     cluster: str | None, shard_frames: int | None, resume: bool, randomiser: str | None, trajectory: str | None,
     effects: tuple[str, ...], as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
@@ -41,7 +46,7 @@ def command(
     With --video, write a video and its truth table instead; with --out as well, write both. With a URL as --out
     (s3://bucket/name, file:///data/name), write a dataset of shards: WebDataset archives with labels as Parquet.
     """
-    scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed)
+    scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed, yolo=yolo)
     if video is None:
         out = out or Path("runs") / scenario.name
     from simgrab.dataset.pool import automatic

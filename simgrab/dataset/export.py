@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import itertools
 import json
@@ -15,12 +16,16 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
-from simgrab.dataset import manifest, preview, sensor_files, shards, tables
+from simgrab.dataset import manifest, preview, sensor_files, shards, tables, yolo
 from simgrab.dataset import shard_reader as sharded
+from simgrab.dataset.card import HF_SPLITS
 from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
 from simgrab.dataset.shards import Packed
+from simgrab.dataset.summary import Tally
 from simgrab.dataset.tables import Coco, LabelWriter
 from simgrab.errors import DatasetError
 from simgrab.io import files
@@ -34,7 +39,6 @@ from simgrab.runtime.versions import Fingerprint
 Progress = Callable[[int, int], None]
 Add = Callable[[LabelledFrame], None]
 
-HF_SPLITS = {"train": "train", "val": "validation", "test": "test"}
 MOST_SENSOR_BYTES = 2**31
 _HF_GROUP_ROWS = 64  # pictures and all, in memory at once
 
@@ -54,6 +58,7 @@ class ExportSource:
         Frames in each file that contains several.
     sensors : dict of str to str
         SHA-256 of its sensor files, by name. Every format includes these files.
+    format : str
     """
 
     dataset: Dataset
@@ -62,6 +67,17 @@ class ExportSource:
     rendered_by: Fingerprint
     shard_frames: int
     sensors: dict[str, str]
+    format: str
+
+    @property
+    def tally(self) -> Tally:
+        """Counts of its frames."""
+        return functools.reduce(Tally.__add__, (Tally.of([f.truth], self.scenario) for f in self.dataset), Tally())
+
+    @property
+    def tiles(self) -> Iterator[tuple[NDArray[np.uint8], Row]]:
+        """Frames of the contact sheet, BGR with their rows."""
+        return ((frame.picture[..., ::-1], frame.truth) for frame in self.dataset[: preview.MOST_TILES])
 
 
 def export(
@@ -86,7 +102,8 @@ def export(
         New folder, which appears complete or not at all; or a URL with no files below it, where an export without
         ``manifest.json`` is unfinished.
     format : str
-        ``yolo``: images, text labels and ``data.yaml``. ``coco``: images and instances as JSON. ``voc``: Pascal VOC's
+        ``yolo``, ``yolo-pose``, ``yolo-seg``, ``yolo-obb``: images, text labels (boxes, key points, polygons of the
+        masks, oriented boxes) and ``data.yaml``. ``coco``: images and instances as JSON. ``voc``: Pascal VOC's
         XML. ``webdataset``: the shards that `simgrab.render` writes below a URL. ``hf``: Parquet files with pictures
         and a card, for Hugging Face ``datasets``. ``simgrab``: the files that `simgrab.render` writes into a folder.
     shard_frames : int, optional
@@ -108,22 +125,22 @@ def export(
     if part and format == "webdataset":
         raise DatasetError("a part of a dataset cannot be exported as webdataset; choose another format")
     opened = dataset if isinstance(dataset, Dataset) else sharded.open(dataset)
-    source = _source(opened, shard_frames, part=part)
+    source = _source(opened, shard_frames, format, part=part)
     if is_url(out):
         store = Store(str(out))
         if store.names():
             raise DatasetError(f"{out} is not empty; choose another --out")
-        _write(source, store, format, progress)
+        _write(source, store, progress)
         return
     check_new_folder(Path(out), DatasetError)
     try:
         with files.drafted_folder(Path(out).absolute()) as draft:
-            _write(source, Store(str(draft)), format, progress)
+            _write(source, Store(str(draft)), progress)
     except OSError as problem:
         raise DatasetError(f"cannot write {out}: {problem.strerror or problem}") from None
 
 
-def _source(dataset: Dataset, shard_frames: int | None, *, part: bool) -> ExportSource:
+def _source(dataset: Dataset, shard_frames: int | None, format: str, *, part: bool) -> ExportSource:
     if not dataset.is_whole:
         if not part:
             raise DatasetError("a part of a dataset cannot be exported without part=True")
@@ -148,7 +165,7 @@ def _source(dataset: Dataset, shard_frames: int | None, *, part: bool) -> Export
         if name not in listed:
             raise DatasetError(f"{where}: it lists no {name}, which the scenario's sensors have")
         carried[name] = str(listed[name])
-    return ExportSource(dataset, scenario, core, rendered_by, each, carried)
+    return ExportSource(dataset, scenario, core, rendered_by, each, carried, format)
 
 
 def _check_part(dataset: Dataset) -> None:
@@ -159,14 +176,14 @@ def _check_part(dataset: Dataset) -> None:
         raise DatasetError("a part must contain frames, in the order of the dataset")
 
 
-def _write(source: ExportSource, store: Store, format: str, progress: Progress | None) -> None:
+def _write(source: ExportSource, store: Store, progress: Progress | None) -> None:
     total = len(source.dataset)
     for name, digest in source.sensors.items():
         data = source.dataset.store.read(name, most_bytes=MOST_SENSOR_BYTES)
         if hashlib.sha256(data).hexdigest() != digest:
             raise DatasetError(f"{source.dataset.store.place}: {name} was changed since it was written")
         store.write(name, data)
-    with FORMATS[format](source, store) as add:
+    with FORMATS[source.format](source, store) as add:
         for done, frame in enumerate(source.dataset, 1):
             add(frame)
             if progress:
@@ -175,7 +192,7 @@ def _write(source: ExportSource, store: Store, format: str, progress: Progress |
 
 @contextlib.contextmanager
 def _rows(source: ExportSource, store: Store) -> Iterator[Callable[[Row], None]]:
-    """Write ``labels.parquet`` and ``camera.toml``, and at the end the manifest."""
+    """Write ``labels.parquet``, and at the end what describes the dataset; the manifest comes last."""
     schema = tables.with_identity(tables.labels_schema(), source.core)
     with (
         store.writing(LABELS) as path,
@@ -183,26 +200,24 @@ def _rows(source: ExportSource, store: Store) -> Iterator[Callable[[Row], None]]
         closing(LabelWriter(file, schema)) as labels,
     ):
         yield lambda row: labels.add(msgspec.structs.asdict(row))
-    digests = dict(source.sensors)
-    for name, data in tables.beside(source.scenario).items():
-        store.write(name, data)
-        if name != "camera.toml":
-            digests[name] = hashlib.sha256(data).hexdigest()
-    store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, digests))
+    described = tables.describe(store, source.core, source.scenario, source.tiles, source.tally, source.format)
+    store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, described | source.sensors))
 
 
 @contextlib.contextmanager
 def _yolo(source: ExportSource, store: Store) -> Iterator[Add]:
+    kind = source.format.partition("-")[2] or "box"
     with _rows(source, store) as add_row:
 
         def add(frame: LabelledFrame) -> None:
             row = frame.truth
             store.write(row.file, frame.content)
-            store.write(f"labels/{row.split}/{row.frame:06d}.txt", tables.yolo(row, source.scenario))
+            mask = _mask(frame) if kind == "seg" else None
+            store.write(yolo.name(row), yolo.label(row, mask, source.scenario, kind))
             add_row(row)
 
         yield add
-        store.write("data.yaml", tables.yolo_yaml(list(source.dataset.splits)))
+        store.write("data.yaml", yolo.data_yaml(list(source.dataset.splits), kind))
 
 
 @contextlib.contextmanager
@@ -298,25 +313,22 @@ def _simgrab(source: ExportSource, store: Store) -> Iterator[Add]:
             write(frame.truth, _mask(frame))
 
         yield add
-    tiles = ((frame.picture[..., ::-1], frame.truth) for frame in source.dataset[: preview.MOST_TILES])
     tables.finish(
-        store, source.core, source.scenario, source.rendered_by, tiles, source.dataset.splits, list(source.sensors)
+        store, source.core, source.scenario, source.rendered_by, source.tiles, source.tally, list(source.sensors)
     )
 
 
 @contextlib.contextmanager
 def _hf(source: ExportSource, store: Store) -> Iterator[Add]:
-    """Write Parquet files of pictures and labels, and the card that names the splits."""
-    with _rows(source, store) as add_row:
-        with ExitStack() as stack:
-            adds = {split: stack.enter_context(_hf_tables(source, store, split)) for split in source.dataset.splits}
+    """Write Parquet files of pictures and labels."""
+    with _rows(source, store) as add_row, ExitStack() as stack:
+        adds = {split: stack.enter_context(_hf_tables(source, store, split)) for split in source.dataset.splits}
 
-            def add(frame: LabelledFrame) -> None:
-                adds[frame.truth.split](frame)
-                add_row(frame.truth)
+        def add(frame: LabelledFrame) -> None:
+            adds[frame.truth.split](frame)
+            add_row(frame.truth)
 
-            yield add
-        store.write("README.md", _hf_card(source).encode())
+        yield add
 
 
 @contextlib.contextmanager
@@ -367,17 +379,6 @@ def _hf_schema() -> pa.Schema:
     return pa.schema(fields, metadata={"huggingface": json.dumps(about)})
 
 
-def _hf_card(source: ExportSource) -> str:
-    lines = ["---", "configs:", "- config_name: default", "  data_files:"]
-    for split in source.dataset.splits:
-        lines += [f"  - split: {HF_SPLITS[split]}", f"    path: data/{HF_SPLITS[split]}-*"]
-    name = source.scenario.name
-    lines += ["task_categories:", "- object-detection", "---", "", f"# {name}", ""]
-    lines += [f"{len(source.dataset)} frames of a crane grab, rendered by simgrab from the scene `{name}`."]
-    lines += ["The metadata of `labels.parquet` describes each column; `camera.toml` is the camera's calibration."]
-    return "\n".join([*lines, ""])
-
-
 def _mask(frame: LabelledFrame) -> dict[str, Any] | None:
     mask = frame.coded_mask if frame.labelled else None
     return None if mask is None else {"size": list(mask.size), "counts": mask.counts}
@@ -391,6 +392,9 @@ def _files(frame: LabelledFrame) -> dict[str, bytes]:
 
 FORMATS: dict[str, Callable[[ExportSource, Store], AbstractContextManager[Add]]] = {
     "yolo": _yolo,
+    "yolo-pose": _yolo,
+    "yolo-seg": _yolo,
+    "yolo-obb": _yolo,
     "coco": _coco,
     "voc": _voc,
     "webdataset": _webdataset,

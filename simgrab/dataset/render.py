@@ -25,7 +25,7 @@ from simgrab.io.parse import read_json
 from simgrab.io.stores import Store, is_url
 from simgrab.model.records import frame_files
 from simgrab.model.scenario import Scenario
-from simgrab.model.truth import SPLITS, Row
+from simgrab.model.truth import Row
 from simgrab.runtime.versions import Fingerprint
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.frames import FrameGenerator
@@ -202,9 +202,8 @@ class _Folder:
                     first += [known.truth] * (len(first) < preview.MOST_TILES)
             tiles = ((pictures.read(self.journal.folder / row.file)[..., ::-1], row) for row in first)
             others = sensors.write(self._recipe, store.writing)
-            splits = [split for split, count in zip(SPLITS, tally.splits, strict=True) if count]
             core = core | tally.stated(scenario)
-            tables.finish(store, core, scenario, self._rendered_by, tiles, splits, others)
+            tables.finish(store, core, scenario, self._rendered_by, tiles, tally, others)
             if self._videos and self._films:
                 self._videos.finish()
             self.journal.close()

@@ -220,15 +220,13 @@ def finish(
     """
     digests = {shards.table(one.number): one.labels_sha256 for one in done} | written
     about = {"frames": frames, "splits": [one.tally.splits for one in done]}
+    tally = functools.reduce(Tally.__add__, (one.tally for one in done))
     if "selection" not in core:  # of which a manifest counts nothing
-        core = core | functools.reduce(Tally.__add__, (one.tally for one in done)).stated(scenario)
+        core = core | tally.stated(scenario)
     known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
     dataset = shards.of_shards(store, known)
     tiles = [(frame.picture[..., ::-1], frame.truth) for frame in dataset[: preview.MOST_TILES]]
-    files = {preview.NAME: preview.of(tiles)} | tables.beside(scenario)
-    for name, data in files.items():
-        store.write(name, data)
-        digests[name] = hashlib.sha256(data).hexdigest()
+    digests |= tables.describe(store, core, scenario, tiles, tally, "webdataset")
     store.write(MANIFEST, manifest.compose(core | {"shards": about}, rendered_by, digests))
 
 

@@ -75,6 +75,11 @@ class Tally(msgspec.Struct, frozen=True):
             clamped(row.clamped for row in rows),
         )
 
+    @property
+    def full(self) -> list[str]:
+        """Splits that have frames."""
+        return [split for split, count in zip(SPLITS, self.splits, strict=True) if count]
+
     def __add__(self, other: Tally) -> Tally:
         train, val, test = (a + b for a, b in zip(self.splits, other.splits, strict=True))
         return Tally(

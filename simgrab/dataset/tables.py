@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from functools import cache
 from pathlib import Path, PurePosixPath
@@ -20,8 +21,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
-from simgrab.dataset import manifest, preview
+from simgrab.dataset import card, manifest, preview, yolo
 from simgrab.dataset.datasets import MANIFEST
+from simgrab.dataset.summary import Tally
 from simgrab.io import models
 from simgrab.io.stores import Store
 from simgrab.model import label_arrays as arrays
@@ -33,7 +35,6 @@ from simgrab.runtime.versions import Fingerprint
 
 _GROUP_ROWS = 1024  # of a Parquet table, in memory at once
 _SPOOLED = 2**20  # bytes of annotations in memory
-_YOLO_NEEDS = ("train", "val")
 _ARROW = {
     pa.bool_(): ("bool",),
     pa.int64(): ("Index", "Side"),
@@ -78,32 +79,6 @@ def _box(row: Row) -> tuple[int, int, int, int]:
     box = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
     assert None not in box
     return box  # type: ignore[return-value]
-
-
-def yolo(row: Row, scenario: Scenario) -> bytes:
-    """One frame's YOLO label: ``0 cx cy w h`` in shares of the picture, or nothing."""
-    if not is_labelled(row, scenario):
-        return b""
-    x0, y0, x1, y1 = _box(row)
-    w, h = row.width_px, row.height_px
-    shares = (x0 + x1) / 2 / w, (y0 + y1) / 2 / h, (x1 - x0) / w, (y1 - y0) / h
-    return f"0 {' '.join(f'{share:.10f}' for share in shares)}\n".encode()
-
-
-def yolo_yaml(full: Sequence[str]) -> bytes:
-    """``data.yaml`` of a dataset with frames in these splits; without ``path``, trainers look beside the file itself.
-
-    Trainers need the keys ``train`` and ``val``, and pictures under every key. Without frames, ``test`` is left out,
-    and the other two name the folder of another split.
-    """
-    lines = []
-    for split in SPLITS:
-        if split in full:
-            lines.append(f"{split}: images/{split}")
-        elif split in _YOLO_NEEDS:
-            lines += [f"# {split} has no frames, and trainers need some: these are those of {full[0]}."]
-            lines += [f"{split}: images/{full[0]}"]
-    return "\n".join([*lines, "nc: 1", "names: [grab]", ""]).encode()
 
 
 class Metadata:
@@ -298,14 +273,14 @@ def tables_of(
             if row.split not in metadata:
                 metadata[row.split] = Metadata(text(metadata_name(row.split)))
             metadata[row.split].add(row)
-            store.write(f"labels/{row.split}/{row.frame:06d}.txt", yolo(row, scenario))
+            store.write(yolo.name(row), yolo.label(row, mask, scenario, scenario.labels.yolo))
 
         yield add
 
 
 def finish(
     store: Store, core: dict[str, Any], scenario: Scenario, rendered_by: Fingerprint,
-    tiles: Iterable[tuple[NDArray[np.uint8], Row]], splits: Collection[str], written: Sequence[str],
+    tiles: Iterable[tuple[NDArray[np.uint8], Row]], tally: Tally, written: Sequence[str],
 ) -> None:  # fmt: skip
     """Write the other files of a dataset, after frames and tables; the manifest comes last.
 
@@ -318,20 +293,37 @@ def finish(
     rendered_by : Fingerprint
     tiles : iterable of (ndarray, Row)
         First frames, BGR.
-    splits : collection of str
-        Splits that have frames.
+    tally : Tally
+        Of all frames.
     written : sequence of str
         Names of the other files written.
     """
-    full = [split for split in SPLITS if split in splits]
+    full = tally.full
     if store.folder is not None:
         for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
             (store.folder / "images" / split).mkdir(parents=True, exist_ok=True)
-    others = {"data.yaml": yolo_yaml(full), preview.NAME: preview.of(tiles)} | beside(scenario)
-    for name, data in others.items():
+    store.write("data.yaml", yolo.data_yaml(full, scenario.labels.yolo))
+    digests = describe(store, core, scenario, tiles, tally, "simgrab")
+    names = {LABELS, "data.yaml", *map(coco_name, SPLITS), *map(metadata_name, full), *written}
+    digests |= {name: store.sha256(name) for name in names}
+    store.write(MANIFEST, manifest.compose(core, rendered_by, digests))
+
+
+def describe(
+    store: Store, core: dict[str, Any], scenario: Scenario, tiles: Iterable[tuple[NDArray[np.uint8], Row]],
+    tally: Tally, layout: str,
+) -> dict[str, str]:  # fmt: skip
+    """Write the contact sheet, the camera file, copies of users' own grabs, and the card.
+
+    Returns
+    -------
+    dict of str to str
+        Their SHA-256 by name, without that of the card, which whoever publishes the dataset may edit.
+    """
+    files = {preview.NAME: preview.of(tiles)} | beside(scenario)
+    for name, data in files.items() | {card.NAME: card.of(scenario, core, tally, layout)}.items():
         store.write(name, data)
-    names = {LABELS, *map(coco_name, SPLITS), *map(metadata_name, full), *others, *written}
-    store.write(MANIFEST, manifest.compose(core, rendered_by, {name: store.sha256(name) for name in names}))
+    return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
 def beside(scenario: Scenario) -> dict[str, bytes]:

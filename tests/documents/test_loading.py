@@ -2,18 +2,24 @@
 
 import ast
 import importlib.util
+import json
 import os
 import re
 import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+import yaml
+
+from simgrab.cli import cli as simgrab
 
 PAGES = [
     (Path(__file__).parents[2] / "docs" / name).read_text(encoding="utf-8") for name in ("loading.md", "frames.md")
 ]
+PAGES[0], TRAINERS = PAGES[0].split("\n## Trainers\n")
 BLOCKS = {t: b for p in PAGES for t, b in re.findall(r"^## (.+?)\n.*?```python\n(.*?)```", p, re.DOTALL | re.MULTILINE)}
 
 
@@ -59,3 +65,31 @@ def test_the_block_runs(title, place, monkeypatch, capsys):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout
+
+
+def test_trainers_find_pictures_and_labels(place, monkeypatch):
+    """The commands run; each configuration names files that exist. The trainers themselves are not installed."""
+    monkeypatch.chdir(place)
+    export, links, *configurations = re.findall(r"```(?:bash|python)\n(.*?)```", TRAINERS, re.DOTALL)
+    words = [line.split() for line in export.splitlines()]
+    simgrab(words[0][1:], standalone_mode=False)
+    data = Path(words[1][3].removeprefix("data="))
+    keys = yaml.safe_load(data.read_text())
+    assert keys["task"] == words[1][1]
+    assert all(any((data.parent / keys[split]).glob("*.jpg")) for split in ("train", "val", "test"))
+    subprocess.run(["bash", "-ec", links], check=True)
+    given = []
+    yolox = SimpleNamespace(Exp=object)
+    rfdetr = SimpleNamespace(RFDETRNano=lambda: SimpleNamespace(train=lambda **options: given.append(options)))
+    monkeypatch.setitem(sys.modules, "yolox.exp", yolox)
+    monkeypatch.setitem(sys.modules, "rfdetr", rfdetr)
+    names = {}
+    for block in configurations:
+        exec(block, names)
+    assert names["val_evaluator"]["ann_file"] == "runs/coco/annotations/instances_val2017.json"
+    roots = {names["Exp"]().data_dir, given[0]["dataset_dir"], names["grab"]["data_root"].rstrip("/")}
+    assert (roots, given[0]["dataset_file"]) == ({"runs/coco"}, "coco")
+    for split in ("train2017", "val2017"):
+        coco = json.loads(Path(f"runs/coco/annotations/instances_{split}.json").read_bytes())
+        assert coco["images"]
+        assert all((Path("runs/coco") / split / image["file_name"]).is_file() for image in coco["images"])

@@ -5,19 +5,26 @@ import io
 import json
 import xml.etree.ElementTree as ET
 
+import cv2
 import msgspec
 import numpy as np
 import pandas as pd
 import PIL.Image
 import pytest
+import yaml
 from conftest import by_yolo
+from pycocotools import mask as coco_mask
 from pycocotools.coco import COCO
 
 import simgrab
 from simgrab.cli import export as command
-from simgrab.dataset.export import FORMATS, HF_SPLITS, export
+from simgrab.dataset import preview
+from simgrab.dataset.box_files import parse
+from simgrab.dataset.card import HF_SPLITS
+from simgrab.dataset.export import FORMATS, export
+from simgrab.dataset.yolo import INSET_PX, outline
 from simgrab.errors import DatasetError
-from simgrab.model.truth import Row
+from simgrab.model.truth import KEYPOINT_NAMES, Row
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +63,7 @@ def same_picture(picture, frame):
 
 
 def test_labels_parquet_is_the_truth_bit_for_bit(source, exported):
-    for name in ("yolo", "coco", "hf", "simgrab"):
+    for name in ("yolo", "yolo-seg", "coco", "hf", "simgrab"):
         table = pd.read_parquet(exported / name / "labels.parquet", dtype_backend="pyarrow").to_dict("records")
         rows = [{key: None if value is pd.NA else value for key, value in row.items()} for row in table]
         assert msgspec.convert(rows, list[Row]) == [frame.truth for frame in source]
@@ -81,6 +88,95 @@ def test_yolo(source, exported):
                 assert numbers.size == 0
             seen += 1
     assert seen == len(source)
+
+
+def numbers(folder, frame):
+    """What follows the class in a frame's label file."""
+    row = frame.truth
+    return np.array((folder / "labels" / row.split / f"{row.frame:06d}.txt").read_text().split()[1:], float)
+
+
+def test_yolo_key_points(source, exported):
+    for frame in source:
+        values, size = numbers(exported / "yolo-pose", frame), (frame.truth.width_px, frame.truth.height_px)
+        assert len(values) == 34 * frame.labelled
+        if frame.labelled:
+            np.testing.assert_array_equal(values[:4], numbers(exported / "yolo", frame))
+            points = values[4:].reshape(-1, 3) * (*size, 1)
+            np.testing.assert_allclose(points, frame.keypoints, rtol=0, atol=1e-6)
+
+
+def test_yolo_polygons_are_the_masks(source, exported):
+    """By COCO's rule, and by that of trainers that round corners down to pixels in 32 bits and include the edge."""
+    for frame in source:
+        values, size = numbers(exported / "yolo-seg", frame), (frame.truth.width_px, frame.truth.height_px)
+        assert (len(values) > 0) == frame.labelled
+        if frame.labelled:
+            corners, mask = values.reshape(-1, 2) * size, np.zeros(size[::-1], np.uint8)
+            (coded,) = coco_mask.frPyObjects([corners.ravel().tolist()], *size[::-1])
+            np.testing.assert_array_equal(coco_mask.decode(coded), frame.mask)
+            shares = values.astype(np.float32).reshape(-1, 2)
+            cv2.fillPoly(mask, [(shares * np.array(size, np.float32)).astype(np.int32)], 1)
+            assert (mask != frame.mask).sum() <= 1e-3 * frame.mask.sum()  # lines between parts
+            bounds = [corners.min(axis=0), corners.max(axis=0)]
+            np.testing.assert_allclose(np.ravel(bounds), frame.box, rtol=0, atol=1.1 * INSET_PX)
+
+
+@pytest.mark.parametrize("blur", [0.3, 2.0])
+def test_a_polygon_is_any_mask_with_parts_and_holes(blur):
+    rng = np.random.default_rng(0)
+    for share in (0.2, 0.5, 0.8):
+        noise = cv2.GaussianBlur(rng.random((50, 60)), (0, 0), blur)
+        mask = (noise > np.quantile(noise, share)).astype(np.uint8)
+        x, y, w, h = cv2.boundingRect(mask)
+        (coded,) = coco_mask.frPyObjects([outline(mask, x, y, x + w, y + h).ravel().tolist()], *mask.shape)
+        np.testing.assert_array_equal(coco_mask.decode(coded), mask)
+
+
+def test_yolo_oriented_boxes(source, exported):
+    """Of the whole silhouette where that is in the picture."""
+    inside = 0
+    for frame in source:
+        values, size = numbers(exported / "yolo-obb", frame), (frame.truth.width_px, frame.truth.height_px)
+        assert len(values) == 8 * frame.labelled
+        if frame.labelled:
+            corners, expected = values.reshape(4, 2) * size, np.reshape(frame.truth.oriented_box, (4, 2))
+            if ((expected < 0) | (expected > size)).any():
+                x0, y0, x1, y1 = frame.box
+                expected = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+            else:
+                inside += 1
+            np.testing.assert_allclose(corners, expected, rtol=0, atol=1e-6)
+    assert 0 < inside < len(source)
+
+
+@pytest.mark.parametrize(
+    ("kind", "stated"),
+    [
+        ("pose", {"task": "pose", "kpt_shape": [len(KEYPOINT_NAMES), 3]}),
+        ("seg", {"task": "segment"}),
+        ("obb", {"task": "obb"}),
+    ],
+)
+def test_tools_read_every_kind_of_yolo_label(source, exported, kind, stated):
+    folder = exported / f"yolo-{kind}"
+    assert stated.items() <= yaml.safe_load((folder / "data.yaml").read_text()).items()
+    for split in source.splits:
+        for number, _, detections in by_yolo(folder, split, oriented=kind == "obb"):
+            frame = source.frame(number)
+            assert len(detections) == frame.labelled
+            if frame.labelled and kind == "seg":  # it rounds, so that edges to the right and below gain a pixel
+                wider = cv2.dilate(frame.mask.astype(np.uint8), np.ones((2, 2)), anchor=(1, 1)).astype(bool)
+                assert (detections.mask[0] >= frame.mask).all()
+                assert (detections.mask[0] <= wider).all()
+            if frame.labelled and kind == "pose":
+                np.testing.assert_allclose(detections.xyxy[0], frame.box, rtol=0, atol=1e-3)
+    for image in parse(folder).images:  # simgrab itself, as it reads others' datasets
+        frame = source.frame(int(image.file[-10:-4]))
+        assert len(image.boxes) == frame.labelled
+        if frame.labelled and kind != "obb":
+            box = image.boxes[0][1] * np.tile([frame.truth.width_px, frame.truth.height_px], 2)
+            np.testing.assert_allclose(box, frame.box, rtol=0, atol=1.1 * INSET_PX)
 
 
 def test_coco(source, exported):
@@ -157,6 +253,21 @@ def test_the_own_layout_is_what_render_writes(split_dataset, exported):
         return {str(p.relative_to(folder)): p.is_dir() or p.read_bytes() for p in folder.rglob("*")}
 
     assert contents(exported / "simgrab") == contents(split_dataset)
+
+
+def test_the_card_names_the_files_of_each_split(source, exported):
+    for name in FORMATS:
+        _, head, body = (exported / name / "README.md").read_text().split("---\n")
+        known = yaml.safe_load(head)
+        assert (known["license"], known["size_categories"]) == ("apache-2.0", ["n<1K"])
+        assert f"| frames | 12 ({', '.join(f'{split} {n}' for split, n in source.splits.items())}) |" in body
+        assert f"| with a box | {sum(frame.labelled for frame in source)} |" in body
+        assert f"]({preview.NAME})" in body
+        assert (exported / name / preview.NAME).exists()
+        for config in known.get("configs", []):
+            assert [part["split"] for part in config["data_files"]] == [HF_SPLITS[split] for split in source.splits]
+            assert all(list((exported / name).glob(part["path"])) for part in config["data_files"])
+        assert ("configs" in known) == (name != "voc")
 
 
 def test_shards_give_the_same_exports(exported, tmp_path):

@@ -12,7 +12,7 @@ from conftest import small_scene
 from pycocotools.coco import COCO
 
 from simgrab.dataset.render import render
-from simgrab.dataset.tables import yolo_yaml
+from simgrab.dataset.yolo import data_yaml
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS
 
 
@@ -74,7 +74,7 @@ def keys_of(text):
 
 @pytest.mark.parametrize("splits", [c for n in (1, 2, 3) for c in itertools.combinations(SPLITS, n)])
 def test_data_yaml_names_only_folders_with_pictures(splits):
-    text = yolo_yaml(splits).decode()
+    text = data_yaml(splits, "box").decode()
     keys = keys_of(text)
     assert {"train", "val"} <= keys.keys()  # trainers refuse a file without them
     assert {"test"} & keys.keys() == {"test"} & set(splits)

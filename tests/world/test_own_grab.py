@@ -342,6 +342,9 @@ def test_exports_and_shards_keep_the_copy(files, tmp_path, kind):
     models._known.clear()
     again = scenes.load(tmp_path / "out" / "manifest.json")
     assert again.models[0].files == scenario.models[0].files
+    card = (tmp_path / "out" / "README.md").read_text()
+    assert "license: other\n" in card
+    assert again.models[0].name in card
 
 
 def test_a_video_keeps_the_copy(files, tmp_path):

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
-from simgrab.dataset import manifest, stored, tables
+from simgrab.dataset import manifest, stored, tables, yolo
 from simgrab.dataset.datasets import MANIFEST
 from simgrab.dataset.record import FrameRecord
 from simgrab.dataset.summary import Tally
@@ -193,7 +193,8 @@ def _refuse_strangers(found: Findings, data: _Dataset) -> None:
     for folder in ("images", "labels", "ids", "depth"):
         for file in sorted((data.path / folder).rglob("*")):
             stem = str(file.relative_to(data.path / folder).with_suffix(""))
-            if file.is_file() and is_visible(file, data.path / folder):
+            own = file.suffix == ".cache"  # a trainer's
+            if file.is_file() and not own and is_visible(file, data.path / folder):
                 name = str(file.relative_to(data.path))
                 found.expect(stem in stems or name in known, name, "not part of this dataset")
 
@@ -280,10 +281,12 @@ def _compare_exports(
     found: Findings, data: _Dataset, stored: Row, record: FrameRecord, coco: dict[int, Any], same: bool
 ) -> None:
     row = record.truth
-    name = f"labels/{row.split}/{row.frame:06d}.txt"
+    name, kind = yolo.name(row), data.scenario.labels.yolo
     file = data.path / name
     text = file.read_bytes() if file.is_file() else None
-    found.expect(text == tables.yolo(stored, data.scenario), f"frame {row.frame}, {name}", "not the label of this row")
+    if same or kind != "seg":
+        right = text == yolo.label(stored, record.mask, data.scenario, kind)
+        found.expect(right, f"frame {row.frame}, {name}", "not the label of this row")
     annotation = coco.get(row.frame)
     labelled = tables.is_labelled(row, data.scenario)
     found.expect((annotation is not None) == labelled, f"frame {row.frame}, COCO", "annotated, or not, against its row")

@@ -11,6 +11,8 @@ from simgrab.model.layouts import Layout
 from simgrab.model.scenario.base import Share, Strict, about
 from simgrab.model.scenario.font import BundledFont, Font
 
+YoloLabels = Literal["box", "pose", "seg", "obb"]
+
 
 class Image(Strict, frozen=True):
     """How frames are drawn and stored."""
@@ -120,9 +122,10 @@ class Display(Strict, frozen=True):
 
 
 class Labels(Strict, frozen=True):
-    """Which frames get a detection box: those that show at least this fraction of the grab's silhouette."""
+    """Detection labels: of frames that show at least this fraction of the grab's silhouette."""
 
     least_visible_fraction: Annotated[Share, about("Least visible fraction of the grab for a detection box.")] = 0.1
+    yolo: Annotated[YoloLabels, about("YOLO labels: boxes, key points, polygons of masks, or oriented boxes.")] = "box"
 
 
 class Splits(Strict, frozen=True):

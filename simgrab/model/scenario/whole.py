@@ -36,8 +36,8 @@ MOST_DAYS = 366
 """Of simulated motion in a dataset."""
 MOST_SENSORS = 32
 _WHERE_SET = (
-    ("", "suspension"), ("", "markers"), ("", "sensors"), ("display", "font"), ("optics", "sharpening"),
-    ("optics", "white_balance"),
+    ("", "suspension"), ("", "markers"), ("", "sensors"), ("display", "font"), ("labels", "yolo"),
+    ("optics", "sharpening"), ("optics", "white_balance"),
 )  # fmt: skip
 """Keys by table that are written, and digested, only where they are not as by default."""
 _SENSOR_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")  # a folder of the dataset
@@ -50,7 +50,8 @@ class Scenario(Strict, frozen=True):
     that only some kinds of a table have is left out where another kind was drawn.
 
     Some keys are written, and digested, only where they are not as by default: the first-level ones ``sensors``,
-    ``suspension`` and ``markers``, the display's font, and the optics' sharpening and white balance.
+    ``suspension`` and ``markers``, the display's font, the labels' ``yolo``, and the optics' sharpening and white
+    balance.
     """
 
     name: Annotated[Name, about("Name of the scene; the default output folder is runs/NAME.")] = "custom"
@@ -70,7 +71,7 @@ class Scenario(Strict, frozen=True):
     shutter: Annotated[Shutter, about("Exposure time and rolling shutter.")] = Shutter()
     clip: Annotated[Clip, about("Frame rate, clips, and video coding.")] = Clip()
     display: Annotated[Display, about("The on-screen display: clock and rope lengths.")] = Display()
-    labels: Annotated[Labels, about("Which frames get a detection box.")] = Labels()
+    labels: Annotated[Labels, about("Detection labels: of which frames, and of which kind.")] = Labels()
     splits: Annotated[Splits, about("Shares of train, val and test.")] = Splits()
     suspension: Annotated[Suspension, about("How the grab hangs on its ropes.")] = OneBody()
     markers: Annotated[Markers, about("What is mounted for a method to look at.")] = Markers()

@@ -16,7 +16,7 @@ from simgrab.io.stores import is_url
 from simgrab.pages.browse.subject import Subject, part
 from simgrab.text import printable
 
-FORMATS = ("simgrab", "yolo", "coco", "voc", "hf")
+FORMATS = ("simgrab", "yolo", "yolo-pose", "yolo-seg", "yolo-obb", "coco", "voc", "hf")
 _SECONDS_TO_END = 10.0
 
 

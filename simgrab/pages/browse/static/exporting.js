@@ -2,7 +2,10 @@
 
 import { askJson, byId, make } from "./dom.js";
 
-const NAMES = { simgrab: "simgrab, as rendered", yolo: "YOLO", coco: "COCO", voc: "Pascal VOC", hf: "Hugging Face Parquet" };
+const NAMES = {
+  simgrab: "simgrab, as rendered", yolo: "YOLO", "yolo-pose": "YOLO, key points", "yolo-seg": "YOLO, polygons",
+  "yolo-obb": "YOLO, oriented boxes", coco: "COCO", voc: "Pascal VOC", hf: "Hugging Face Parquet",
+};
 
 export class Exporting {
   /** `rows` gives, by "filtered" or "chosen", an array with 1 for each row that is taken. */

@@ -1,0 +1,143 @@
+"""YOLO's label files, in the layouts of its four tasks: boxes, key points, polygons of the mask, oriented boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pycocotools import mask as coco_mask
+from scipy.spatial import KDTree
+
+from simgrab.model import label_arrays as arrays
+from simgrab.model.geometry import Array
+from simgrab.model.scenario import Scenario
+from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row
+
+Mask = dict[str, Any]
+"""The visible grab as COCO's compressed run lengths."""
+INSET_PX = 0.001
+"""By which a polygon lies within the outline of its pixels, so that readers that round down in 32 bits get them."""
+_NEEDED = ("train", "val")
+
+
+class YoloKind(NamedTuple):
+    """A kind of label files.
+
+    Attributes
+    ----------
+    values : callable
+        Gives the numbers after the class, of a labelled row, its visible box and its mask.
+    yaml : tuple of str
+        Lines of ``data.yaml`` besides those of all kinds.
+    """
+
+    values: Callable[[Row, Array, Mask | None], Array]
+    yaml: tuple[str, ...] = ()
+
+
+def _box(row: Row, box: Array, _mask: Mask | None) -> Array:
+    return (np.array([(box[:2] + box[2:]) / 2, box[2:] - box[:2]]) / _size(row)).ravel()
+
+
+def _pose(row: Row, box: Array, _mask: Mask | None) -> Array:
+    points = np.reshape(row.keypoints, (-1, 3)) / (*_size(row), 1)
+    return np.concatenate([_box(row, box, None), points.ravel()])
+
+
+def _polygon(row: Row, box: Array, mask: Mask | None) -> Array:
+    assert mask is not None
+    return (outline(np.asarray(coco_mask.decode(mask)), *map(int, box)) / _size(row)).ravel()
+
+
+def _oriented(row: Row, box: Array, _mask: Mask | None) -> Array:
+    """Corners of the whole silhouette's oriented box; of the visible box where one of them is not in the picture."""
+    corners = np.reshape(row.oriented_box or [np.nan] * 8, (4, 2)) / _size(row)
+    if not ((corners >= 0) & (corners <= 1)).all():
+        corners = box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2) / _size(row)
+    return corners.ravel()
+
+
+KINDS = {
+    "box": YoloKind(_box),
+    "pose": YoloKind(_pose, ("task: pose", f"kpt_shape: [{len(KEYPOINT_NAMES)}, 3]")),
+    "seg": YoloKind(_polygon, ("task: segment",)),
+    "obb": YoloKind(_oriented, ("task: obb",)),
+}
+"""By the names that ``labels.yolo`` has for them."""
+
+
+def name(row: Row) -> str:
+    """Path of a frame's label file in the dataset."""
+    return f"labels/{row.split}/{row.frame:06d}.txt"
+
+
+def label(row: Row, mask: Mask | None, scenario: Scenario, kind: str) -> bytes:
+    """One frame's label file: a line of the class and shares of the picture, or nothing.
+
+    Parameters
+    ----------
+    row : Row
+    mask : dict, optional
+        Needed for polygons of a labelled row.
+    scenario : Scenario
+    kind : str
+        One of `KINDS`.
+    """
+    box = arrays.box(row)
+    if box is None or not arrays.is_labelled(row, scenario.labels.least_visible_fraction):
+        return b""
+    return f"0 {' '.join(f'{value:.10f}' for value in KINDS[kind].values(row, box, mask))}\n".encode()
+
+
+def data_yaml(full: Sequence[str], kind: str) -> bytes:
+    """``data.yaml`` of a dataset with frames in these splits; without ``path``, trainers look beside the file itself.
+
+    Trainers need the keys ``train`` and ``val``, and pictures under every key. Without frames, ``test`` is left out,
+    and the other two name the folder of another split.
+    """
+    lines = []
+    for split in SPLITS:
+        if split in full:
+            lines.append(f"{split}: images/{split}")
+        elif split in _NEEDED:
+            lines += [f"# {split} has no frames, and trainers need some: these are those of {full[0]}."]
+            lines += [f"{split}: images/{full[0]}"]
+    return "\n".join([*lines, *KINDS[kind].yaml, "nc: 1", "names: [grab]", ""]).encode()
+
+
+def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Array:
+    """Outline the pixels of a mask by one polygon.
+
+    Its edges follow the outer edges of the pixels, `INSET_PX` within them. Parts and holes are joined by lines that the
+    polygon passes twice.
+
+    Parameters
+    ----------
+    mask : ndarray of uint8, shape (height, width)
+    x0, y0, x1, y1 : int
+        Box of its pixels, half open.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Corners x, y, px.
+    """
+    doubled = mask[y0:y1, x0:x1].repeat(2, axis=0).repeat(2, axis=1)  # corners of a pixel are pixels of their own
+    found, _ = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    paths = [contour[:, 0] // 2 + np.where(contour[:, 0] % 2, 1 - INSET_PX, INSET_PX) for contour in found]
+    paths.sort(key=len)
+    joined = paths.pop()
+    tree = KDTree(joined)
+    for path in sorted(paths, key=lambda path: tree.query(path)[0].min()):
+        distances, nearest = KDTree(joined).query(path)
+        own = int(distances.argmin())
+        at = nearest[own]
+        joined = np.concatenate([joined[: at + 1], path[own:], path[: own + 1], joined[at:]])
+    return joined + (x0, y0)
+
+
+def _size(row: Row) -> tuple[int, int]:
+    return row.width_px, row.height_px
