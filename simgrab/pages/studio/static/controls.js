@@ -1,7 +1,7 @@
 // Controls for every key of a scene, made from its schema. Each has its name, unit, bounds, default, help and error.
 
 import { make } from "./dom.js";
-import { TAGS, bounds, fresh, freshKind, kindOf, kinds, leaves, present, resolved, same } from "./schema.js";
+import { TAGS, bounds, fresh, freshKind, kindOf, kinds, leaves, names, present, resolved, same } from "./schema.js";
 
 let count = 0;
 const id = () => `control-${++count}`;
@@ -422,15 +422,17 @@ const MAKERS = {
   },
 
   several: (form, node, path, label) => {
-    const boxes = node.items.enum.map((one, i) => {
+    const boxes = names(node).map((one, i) => {
       const box = make("input", { type: "checkbox", id: i ? null : label });
       box.addEventListener("change", () => {
         const taken = boxes.filter((other) => other.box.checked).map((other) => other.one);
-        form.set(path, taken, true);
+        const value = form.value(path);
+        const others = Array.isArray(value) ? value.filter((item) => !names(node).includes(item)) : [];
+        form.set(path, [...taken, ...others], true);
       });
       return { one, box, element: make("label", {}, box, one) };
     });
-    const update = (value) => boxes.forEach(({ one, box }) => (box.checked = value.includes(one)));
+    const update = (value) => boxes.forEach(({ one, box }) => (box.checked = value === true || Boolean(value.includes?.(one))));
     return { element: make("div", { class: "several" }, ...boxes.map((one) => one.element)), update };
   },
 

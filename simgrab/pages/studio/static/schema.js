@@ -17,9 +17,16 @@ export const resolved = (node) => {
 
 const isTable = (node) => node.$ref !== undefined || node.type === "object";
 
+/** Names among which a node's list chooses; the list may have other items too, or be given as true or false: all or none. */
+export const names = (node) => {
+  const list = node.type === "array" ? node : node.anyOf?.find((one) => one.type === "array");
+  return list?.items?.enum ?? list?.items?.anyOf?.find((one) => one.enum)?.enum;
+};
+
 /** What a schema node asks for: the name of a kind of control. */
 export const kindOf = (node) => {
   if (node.discriminator) return "kinds";
+  if (names(node)) return "several";
   if (node.anyOf) {
     if (node.anyOf.some((one) => one.type === "null")) return "optional";
     return node.anyOf.every(isTable) ? "kinds" : "mixed";
@@ -30,9 +37,7 @@ export const kindOf = (node) => {
   if (node.type === "number" || node.type === "integer") return "number";
   if (node.type === "string") return "text";
   if (node.type === "array") {
-    if (node.prefixItems) return "tuple";
-    if (node.items?.enum) return "several";
-    return "list";
+    return node.prefixItems ? "tuple" : "list";
   }
   if (node.type === "object") return node.properties ? "table" : "entries";
   return "any";
@@ -72,7 +77,7 @@ export const fresh = (node) => {
     case "number": return freshNumber(node);
     case "text": return "";
     case "tuple": return node.prefixItems.map(fresh);
-    case "several": return [node.items.enum[0]];
+    case "several": return [names(node)[0]];
     case "list": return node.minItems ? [fresh(resolved(node.items ?? {}))] : [];
     case "table": return freshTable(resolved(node));
     case "entries": return {};
