@@ -7,6 +7,7 @@ random grabs of each kind, closed to open, on ropes of 8 to 35 m, in runs/sheets
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -16,10 +17,12 @@ import click
 import cv2
 import msgspec
 import numpy as np
+from click.testing import CliRunner
 from numpy.typing import NDArray
 
 import simgrab
 from scripts.chromium import Page, page
+from simgrab.cli import cli
 from simgrab.cli import main as run
 from simgrab.dataset import preview
 from simgrab.io.pictures import encode, read
@@ -45,6 +48,7 @@ ROPES_M, VOLUMES_M3 = (8.0, 35.0), (3.0, 20.0)
 FILM, FILM_SIZE, FILM_WIDTH = "alarm-cycles", (960, 540), 640
 START, LABELLED, WEATHERED, MEASURED, END = 800, 845, 900, 972, 1070
 FILM_WEATHERS = ("rain", "fog", "heavy-snow", "night-light-snow")
+TOUR = (640, 360)
 LOOK = ("light", "optics", "shutter", "weather")  # what the bundled weathers change of a picture
 
 MOST_BYTES = 200_000  # of a page's picture
@@ -164,6 +168,28 @@ def _film() -> Iterator[tuple[Picture, str]]:
         yield drawn, f"Measured from the pictures alone; the true swing is {frame.truth.alpha_deg:.2f} deg"
 
 
+def tour() -> None:
+    """Make the README's tour: what comes out of four commands, each below its picture."""
+    with tempfile.TemporaryDirectory() as folder, page() as shown:
+        out = Path(folder)
+        pages = {"check smoke": out / "check" / "check.html", "stress offset-along": out / "stress" / "report.html"}
+        for command, path in pages.items():
+            CliRunner().invoke(cli, [*command.split(), "--out", str(path.parent), "--quiet"], catch_exceptions=False)
+        *_, (labelled, _) = itertools.islice(_film(), LABELLED - START + 1)
+        *_, (measured, _) = _film()
+        tiles = {"render": labelled, "run swing.mp4": measured}
+        shown.look(1000, 562)
+        for command, path in pages.items():
+            shown.open(path.as_uri())
+            shown.wait("document.readyState === 'complete' && document.querySelector('figure')")
+            shown.evaluate("document.querySelector('figure').scrollIntoView()")
+            shown.photograph(out / "page.jpg", quality=95)
+            tiles[command] = read(out / "page.jpg")[..., ::-1]
+        drawn = [cv2.resize(tile, TOUR, interpolation=cv2.INTER_AREA) for tile in tiles.values()]
+        captions = (f"simgrab {command}" for command in tiles)
+        _save("tour.jpg", [preview.captioned(*one) for one in zip(drawn, captions, strict=True)], 2)
+
+
 def browse() -> None:
     """Take the picture of docs/browsing.md: `simgrab browse` over frames of `training`."""
     from simgrab.pages.browse import browse
@@ -230,6 +256,7 @@ PICTURES: dict[str, Callable[[], None]] = {
     "assembled": assembled,
     "preview": contact_sheet,
     "film": film,
+    "tour": tour,
     "browse": browse,
     "studio": studio,
     "sheets": sheets,
