@@ -79,7 +79,10 @@ def command(file: Path, yes: bool, **given: str | None) -> None:
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
         scenes.load(draft)
-    for line in (*(f"assumed: {line}" for line in answers.assumed), f"next: simgrab studio {file}"):
+    for line in (
+        *(f"assumed: {line}" for line in answers.assumed),
+        f"next: simgrab render {file}; [vary] draws anew after each clip.clip_frames frames",
+    ):
         click.echo(printable(line))
 
 
@@ -100,7 +103,8 @@ class _Answers:
             try:
                 return read(text.strip())
             except ValueError as problem:
-                raise _refusal(name, str(problem)) from None
+                example = f", for instance {default}" if default else ""
+                raise _refusal(name, f"{problem}{example}") from None
 
         text, (question, default) = self._given[name], ASKED[name]
         if text is None and self._ask:
@@ -119,7 +123,8 @@ def _refusal(name: str, problem: str) -> click.BadParameter:
 def _numbers(low: float, high: float, *counts: int) -> Callable[[str], tuple[float, ...]]:
     def read(text: str) -> tuple[float, ...]:
         try:
-            values = tuple(float(part) for part in re.split(r"\.\.|[,;x×°\s]+", text) if part)
+            plain = re.sub(r"\s*(mm|m³|m3|m|px|deg|fps)$", "", text)
+            values = tuple(float(part) for part in re.split(r"\.\.|\bto\b|[,;x×°\s]+", plain) if part.strip())
         except ValueError:
             values = ()
         if len(values) not in (counts or (1,)) or not all(low <= value <= high for value in values):
@@ -134,7 +139,9 @@ def _one_of(*valid: str, most: int = 1) -> Callable[[str], list[str]]:
     def read(text: str) -> list[str]:
         words = list(dict.fromkeys(re.findall(r"[^,\s]+", text.lower())))
         if not 1 <= len(words) <= most or not set(words) <= set(valid):
-            raise ValueError(f"must be {'one' if most == 1 else 'one or more'} of {', '.join(valid)}; got {text!r}")
+            raise ValueError(
+                f"must be {'one' if most == 1 else 'one or more, with commas,'} of {', '.join(valid)}; got {text!r}"
+            )
         return words
 
     return read
@@ -213,7 +220,7 @@ def _table(keys: Mapping[str, float]) -> str:
     return f"{{ {', '.join(f'{key} = {value:g}' for key, value in keys.items())} }}" if keys else "{}"
 
 
-def _moods(moods: Sequence[tuple[str, str]]) -> tuple[str, str]:
+def _moods(moods: Sequence[tuple[str, str]], rate: float) -> tuple[str, str]:
     """Lines of light, exposure and weather: as keys, or as what varies where there are several."""
     made = []
     for light, weather in moods:
@@ -222,6 +229,7 @@ def _moods(moods: Sequence[tuple[str, str]]) -> tuple[str, str]:
             "light": _table(NIGHT if night else {"sun": sun, "sky": sky}),
             "optics.exposure.exposure_ev": "-1.3" if night else "0.0",
             "optics.night_mode": '"on"' if night else '"off"',
+            "shutter.exposure_s": f"{min(0.033 if night else 0.005, round(0.5 / rate, 4))}",
             "weather": _table(keys),
         })  # fmt: skip
     if len(made) == 1:
@@ -254,7 +262,8 @@ def _scene(answers: _Answers, file: Path) -> str:
     grab, volume = _grab(answers, file)
     mount = answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0]
     lights = answers.get("light", lambda text: _one_of("day", "night", most=2)(text.replace("both", "day,night")))
-    moods = list(itertools.product(lights, answers.get("weather", _one_of(*WEATHERS, most=5))))
+    weathers = answers.get("weather", _one_of(*WEATHERS, most=5))
+    moods = list(itertools.product(lights, weathers))
     cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
     swing = f'rope_length_m = {{ dist = "uniform", low = {short:g}, high = {long:g} }}\nclamp = true'
     if cycles:
@@ -279,14 +288,14 @@ def _scene(answers: _Answers, file: Path) -> str:
         facts["grab.volume_m3"] = (volume, 0.1 * volume, 3, 20)
     if "day" in lights:
         facts |= {"light.sun_elevation_deg": (45, 20, 10, 90), "light.sun_azimuth_deg": (0, 180, -360, 360)}
-    plain, varied = _moods(moods)
+    plain, varied = _moods(moods, rate)
     clip = round(CYCLE_S * rate) if cycles else 8
     return f"""# Written by simgrab new. simgrab scenes show {file.name} prints every other key with its value.
 base = "quay-day"
 name = "{re.sub("[^a-z0-9_-]+", "-", file.stem.lower()).strip("-_")[:64] or "port"}"
+description = "Ropes of {short:g} to {long:g} m, by {" and ".join(lights)}, {", ".join(weathers)}."
 frames = {2 * clip if cycles else 200}
 {plain}optics.exposure.model = "auto"
-shutter.exposure_s = {min(0.033 if "night" in lights else 0.005, round(0.5 / rate, 4))}
 
 [camera] # {optics}
 width_px = {width}

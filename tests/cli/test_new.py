@@ -123,3 +123,18 @@ def test_no_file_is_overwritten(tmp_path):
 def test_the_usual_distortion_is_the_median_of_the_cameras():
     found = [_lenses.barrel(w, h, *fov) for w, h, lenses in _lenses.CAMERAS.values() for fov in lenses.values()]
     assert np.median(found) == pytest.approx(_lenses.BARREL, abs=0.01)
+
+
+def test_units_and_words_between_numbers_are_understood(tmp_path):
+    plain, said = (
+        new(tmp_path / f"{name}.toml", "--lens", lens, "--ropes", ropes, "--grab", "clamshell", "--volume", volume)[0]
+        for name, lens, ropes, volume in (("a", "4", "9..24", "9"), ("b", "4 mm", "9 to 24", "9 m3"))
+    )
+    assert plain.to_dict() | {"name": ""} == said.to_dict() | {"name": ""}
+
+
+def test_night_is_exposed_for_longer_than_day(tmp_path):
+    scene, _ = new(tmp_path / "a.toml", "--light", "both", "--weather", "clear,rain")
+    (factor,) = (factor for key, factor in scene.vary.items() if "shutter.exposure_s" in key)
+    exposures = {value["optics.night_mode"]: value["shutter.exposure_s"] for value in factor.values}
+    assert exposures["on"] > exposures["off"]

@@ -82,7 +82,7 @@ BAD = {
         "limits: no metric 'angle.overall.rmse_dge' (did you mean 'angle.overall.rmse_deg'?)",
     ),
     "golden frame beyond": (scene(golden=[4]), "scenes.calm.golden: there is no frame 4; the scene has 4"),
-    "camera that varies": (scene(scene="training", frames=16), "scenes.calm: vary.camera"),
+    "camera that varies": (scene(scene="training", frames=16), "scenes.calm: camera.beta_deg, "),
 }
 
 

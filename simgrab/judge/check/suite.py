@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import copy
+import functools
+import json
 import math
+import operator
 import re
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -174,9 +177,15 @@ class Suite(Checked, frozen=True):
             scenario = scenes.load(scene.scene, changes, size=scenes.parse_size(size) if size else None)
         except ScenarioError as problem:
             raise SuiteError(f"scenes.{name}: {problem}") from None
-        varied = [key for key in scenario.vary if any(part.startswith(CAMERA) for part in key.split("+"))]
+        varied = [part for key in scenario.vary for part in key.split("+") if part.startswith(CAMERA)]
         if varied:
-            raise SuiteError(f"scenes.{name}: vary.{varied[0]}: the camera must not vary within a suite; fix its value")
+            stands = scenes.load(scene.scene, changes).to_dict()  # a focal length in pixels is of the scene's own size
+            values = [functools.reduce(operator.getitem, key.split("."), stands) for key in varied]
+            stated = ", ".join(f'"{key}" = {json.dumps(value)}' for key, value in zip(varied, values, strict=True))
+            raise SuiteError(
+                f"scenes.{name}: {', '.join(varied)} vary, and a suite needs one camera; fix their values, for "
+                f"instance by scenes.{name}.changes = {{ {stated} }}"
+            )
         beyond = [frame for frame in scene.golden if frame >= scenario.frames]
         if beyond:
             raise SuiteError(f"scenes.{name}.golden: there is no frame {beyond[0]}; the scene has {scenario.frames}")
