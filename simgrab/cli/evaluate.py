@@ -21,7 +21,7 @@ def command(run: Path, dataset: Path, start: float | None, html: Path | None, as
     """Compare a RUN with the truth, and report each stage's share of the error.
 
     DATASET is the rendered dataset that the run measured, or the rendered video, with its truth table beside it. The
-    run may be on a copy of that video that was coded anew, cut or resampled.
+    run may be on a copy of that video that was re-encoded, cut or resampled.
     """
     from simgrab.instrument.run import runs
     from simgrab.judge.evaluate import truths

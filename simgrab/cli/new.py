@@ -81,7 +81,7 @@ def command(file: Path, yes: bool, **given: str | None) -> None:
         scenes.load(draft)
     for line in (
         *(f"assumed: {line}" for line in answers.assumed),
-        f"next: simgrab render {file}; [vary] draws anew after each clip.clip_frames frames",
+        f"next: simgrab render {file}; [vary] draws again after each clip.clip_frames frames",
     ):
         click.echo(printable(line))
 
@@ -319,7 +319,7 @@ head_height_m = {head:g}
 
 [clip]
 frame_rate_hz = {rate:g}
-clip_frames = {clip} # after which [vary] draws anew
+clip_frames = {clip} # after which [vary] draws again
 
 [vary] # tolerances of these facts
 {varied}{_tolerances(facts)}

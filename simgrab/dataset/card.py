@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from simgrab.dataset.preview import NAME as SHEET
@@ -12,7 +13,10 @@ from simgrab.text import markdown
 
 NAME = "README.md"
 HF_SPLITS = {"train": "train", "val": "validation", "test": "test"}
-_SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"), (10**8, "1M<n<10M"))
+_SIZES = (
+    (10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"), (10**7, "1M<n<10M"),
+    (10**8, "10M<n<100M"), (10**9, "100M<n<1B"), (10**10, "1B<n<10B"), (math.inf, "10B<n<100B"),
+)  # fmt: skip
 _TASKS = ("object-detection", "keypoint-detection", "image-segmentation")
 _OWN = (
     'Python: `simgrab.open("FOLDER")`. YOLO trainers read `data.yaml`, readers of COCO `annotations/`. Hugging Face: '

@@ -33,10 +33,10 @@ def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
     _draw_geometry(tile, row, scale)
     if row.box_x0_px is not None:
         corners = [(row.box_x0_px, row.box_y0_px), (row.box_x1_px, row.box_y1_px)]
-        cv2.rectangle(tile, _at(corners[0], scale), _at(corners[1], scale), BOX, 2, cv2.LINE_AA)  # type: ignore[arg-type]
+        cv2.rectangle(tile, at(corners[0], scale), at(corners[1], scale), BOX, 2, cv2.LINE_AA)  # type: ignore[arg-type]
     for name, (u, v, seen) in zip(KEYPOINT_NAMES, np.reshape(row.keypoints, (-1, 3)), strict=True):
         if seen and name != "grab_centre":
-            cv2.circle(tile, _at((u, v), scale), 2, POINT if seen == 2 else HIDDEN_POINT, -1, cv2.LINE_AA)
+            cv2.circle(tile, at((u, v), scale), 2, POINT if seen == 2 else HIDDEN_POINT, -1, cv2.LINE_AA)
     angles = f"alpha {row.alpha_deg:.2f}  gamma {row.gamma_deg:.0f}  beta {row.beta_deg:.2f} deg"
     return captioned(
         tile, f"#{row.frame} {row.split}   {angles}   rope {row.rope_length_m:.1f} m   seen {row.visible_fraction:.0%}"
@@ -46,20 +46,20 @@ def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
 def _draw_geometry(tile: NDArray[np.uint8], row: Row, scale: float) -> None:
     """Draw the principal point C', the image of the vertical G', the grab centre A', and the triangle they span."""
     vertical = overlay.vertical(row)
-    principal = _at(overlay.principal(row), scale)
+    principal = at(overlay.principal(row), scale)
     cv2.drawMarker(tile, principal, VERTICAL, cv2.MARKER_CROSS, 14, 1, cv2.LINE_AA)
     if np.isfinite(vertical).all():
-        cv2.line(tile, principal, _at(vertical, scale), VERTICAL, 1, cv2.LINE_AA)
-        cv2.circle(tile, _at(vertical, scale), 4, VERTICAL, 1, cv2.LINE_AA)
+        cv2.line(tile, principal, at(vertical, scale), VERTICAL, 1, cv2.LINE_AA)
+        cv2.circle(tile, at(vertical, scale), 4, VERTICAL, 1, cv2.LINE_AA)
     if row.grab_u_px is not None and row.grab_v_px is not None:
-        centre = _at((row.grab_u_px, row.grab_v_px), scale)
+        centre = at((row.grab_u_px, row.grab_v_px), scale)
         if np.isfinite(vertical).all():
-            cv2.line(tile, _at(vertical, scale), centre, CENTRE, 1, cv2.LINE_AA)
+            cv2.line(tile, at(vertical, scale), centre, CENTRE, 1, cv2.LINE_AA)
         cv2.drawMarker(tile, centre, CENTRE, cv2.MARKER_TILTED_CROSS, 12, 2, cv2.LINE_AA)
 
 
-def _at(pixel: Sequence[float] | NDArray[np.float64], scale: float) -> tuple[int, int]:
-    # OpenCV counts from the centre of the first pixel.
+def at(pixel: Sequence[float] | NDArray[np.float64], scale: float) -> tuple[int, int]:
+    """Place a pixel of the picture in a reduced one, for OpenCV, which counts from the centre of the first pixel."""
     return tuple(int(np.clip(round(float(v) * scale - 0.5), -9999, 9999)) for v in pixel)  # type: ignore[return-value]
 
 

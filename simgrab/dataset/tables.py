@@ -318,7 +318,7 @@ def describe(
     Returns
     -------
     dict of str to str
-        Their SHA-256 by name, without that of the card, which whoever publishes the dataset may edit.
+        Their SHA-256 by name, without that of the card, which may be edited.
     """
     files = {preview.NAME: preview.of(tiles)} | beside(scenario)
     for name, data in files.items() | {card.NAME: card.of(scenario, core, tally, layout)}.items():

@@ -127,8 +127,8 @@ def test_a_video_is_compared_through_its_table(clean, swinging, tmp_path):
     assert evaluate(film, swinging / "swing.parquet")["angle"] == found["angle"]
 
 
-def coded_anew(path, out, kept, grid_s):
-    """Code some of a video's frames anew, with time stamps from 0 on a grid."""
+def reencoded(path, out, kept, grid_s):
+    """Encode some of a video's frames again, with time stamps from 0 on a grid."""
     with av.open(str(path)) as file:
         frames = list(file.decode(video=0))[kept]
 
@@ -147,7 +147,7 @@ def test_a_copy_of_a_video_is_compared_by_time(kept, grid_s, swinging, tmp_path)
     tilt = msgspec.convert(whole.about["tilt"], Known)
     original = list(truths.of(whole, swinging / "swing.mp4").rows)
     rows = [row for row in original if row is not None][kept]
-    copy = coded_anew(swinging / "swing.mp4", tmp_path / "copy.mp4", kept, grid_s)
+    copy = reencoded(swinging / "swing.mp4", tmp_path / "copy.mp4", kept, grid_s)
     instrument = Pipeline(Oracle(rows, shift_px=4.0), Reader(), tilt=tilt)
     made = run(copy, swinging / "swing.camera.toml", None, instrument)
     known = truths.of(made, swinging / "swing.mp4")

@@ -166,21 +166,17 @@ def _spread(frames: Sequence[int], apart: int, most: int) -> list[int]:
 def _annotated(picture: Picture, row: Row, measured: Measurement) -> Picture:
     """Draw truth and measurement into a reduced picture, BGR."""
     tile, scale = preview.annotate(picture, row)[: -preview.CAPTION_HEIGHT].copy(), preview.TILE_WIDTH / row.width_px
-
-    def at(u: float, v: float) -> tuple[int, int]:
-        return round(float(np.clip(u * scale, -9999, 9999))), round(float(np.clip(v * scale, -9999, 9999)))
-
     if measured.box is not None:
-        x0, y0, x1, y1 = measured.box
-        cv2.rectangle(tile, at(x0, y0), at(x1, y1), _MEASURED, 1, cv2.LINE_AA)
+        first, last = preview.at(measured.box[:2], scale), preview.at(measured.box[2:], scale)
+        cv2.rectangle(tile, first, last, _MEASURED, 1, cv2.LINE_AA)
     if measured.centre is not None:
-        cv2.drawMarker(tile, at(*measured.centre), _MEASURED, cv2.MARKER_CROSS, 18, 2, cv2.LINE_AA)
+        cv2.drawMarker(tile, preview.at(measured.centre, scale), _MEASURED, cv2.MARKER_CROSS, 18, 2, cv2.LINE_AA)
     if measured.alpha is not None:
         _, azimuth, rope = swing_of(labels.pose(row.jib_from_grab).translation)
         there = labels.pose(row.jib_from_camera).local(grab_centre(measured.alpha, azimuth, rope))
         pixel = labels.intrinsics(row).project(there)
         if np.isfinite(pixel).all():
-            cv2.circle(tile, at(*pixel.tolist()), 9, _MEASURED, 2, cv2.LINE_AA)
+            cv2.circle(tile, preview.at(pixel, scale), 9, _MEASURED, 2, cv2.LINE_AA)
     return tile
 
 

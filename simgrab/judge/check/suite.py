@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import copy
-import functools
 import json
 import math
-import operator
 import re
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -21,7 +19,7 @@ from simgrab.io.strict import Checked, convert
 from simgrab.judge.check.metrics import unknown
 from simgrab.model import scenes
 from simgrab.model.rng import derive
-from simgrab.model.scenario import Scenario
+from simgrab.model.scenario import Scenario, vary
 from simgrab.text import printable
 
 Meta = msgspec.Meta
@@ -180,8 +178,7 @@ class Suite(Checked, frozen=True):
         varied = [part for key in scenario.vary for part in key.split("+") if part.startswith(CAMERA)]
         if varied:
             stands = scenes.load(scene.scene, changes).to_dict()  # a focal length in pixels is of the scene's own size
-            values = [functools.reduce(operator.getitem, key.split("."), stands) for key in varied]
-            stated = ", ".join(f'"{key}" = {json.dumps(value)}' for key, value in zip(varied, values, strict=True))
+            stated = ", ".join(f'"{key}" = {json.dumps(vary.at(stands, key))}' for key in varied)
             raise SuiteError(
                 f"scenes.{name}: {', '.join(varied)} vary, and a suite needs one camera; fix their values, for "
                 f"instance by scenes.{name}.changes = {{ {stated} }}"

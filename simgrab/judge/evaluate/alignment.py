@@ -1,4 +1,4 @@
-"""Match a run on a video that was coded anew, cut or resampled with the truth of the original, by time."""
+"""Match a run on a video that was re-encoded, cut or resampled with the truth of the original, by time."""
 
 from __future__ import annotations
 

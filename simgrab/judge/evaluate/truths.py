@@ -83,7 +83,7 @@ def of(run: Run, known: str | Path, start_s: float | None = None) -> Truths:
     run : Run
     known : path
         The dataset; for a run on a video, the video or its truth table. The run may be on a copy of the video that was
-        coded anew, cut or resampled: then its frames are matched by time.
+        re-encoded, cut or resampled: then its frames are matched by time.
     start_s : float, optional
         Time of the video at which the run's first frame lies; by default it is found (`alignment.begins`).
 

@@ -242,7 +242,7 @@ def _refuse_overwriting(stated: Mapping[str, Any], name: str, factor: Any, data:
         laid = merged(data, nested(part, table))
         below = {key.removeprefix(f"{part}."): value for key, value in stated.items() if key.startswith(f"{part}.")}
         for key, value in below.items():
-            if _at(laid, f"{part}.{key}") == value:
+            if at(laid, f"{part}.{key}") == value:
                 continue
             if key in ("file", "sha256"):
                 cure = f"state {part}.model too"
@@ -266,7 +266,8 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, default=str)
 
 
-def _at(data: Any, key: str) -> Any:
+def at(data: Any, key: str) -> Any:
+    """Look up a dotted key in plain data; None where there is none."""
     for step in key.split("."):
         data = data.get(step) if isinstance(data, Mapping) else None
     return data
