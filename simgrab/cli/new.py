@@ -289,7 +289,7 @@ def _scene(answers: _Answers, file: Path) -> str:
     if "day" in lights:
         facts |= {"light.sun_elevation_deg": (45, 20, 10, 90), "light.sun_azimuth_deg": (0, 180, -360, 360)}
     plain, varied = _moods(moods, rate)
-    clip = round(CYCLE_S * rate) if cycles else 8
+    clip = round(CYCLE_S * rate) if cycles else 2  # so that the sheet of the first 16 frames shows 8 draws of [vary]
     return f"""# Written by simgrab new. simgrab scenes show {file.name} prints every other key with its value.
 base = "quay-day"
 name = "{re.sub("[^a-z0-9_-]+", "-", file.stem.lower()).strip("-_")[:64] or "port"}"
@@ -319,7 +319,7 @@ head_height_m = {head:g}
 
 [clip]
 frame_rate_hz = {rate:g}
-clip_frames = {clip} # after which [vary] draws again
+clip_frames = {clip} # after which [vary] draws again{"" if cycles else "; more of them render faster, and vary less"}
 
 [vary] # tolerances of these facts
 {varied}{_tolerances(facts)}
