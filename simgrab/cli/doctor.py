@@ -30,12 +30,12 @@ def command(as_json: bool) -> None:
         if found.renderer:
             click.echo(f"GL_RENDERER      {found.renderer.renderer}")
             click.echo(f"GL_VERSION       {found.renderer.version}")
-            click.echo(f"fingerprint      {found.renderer.digest}")
+            click.echo(f"renderer SHA-256 {found.renderer.digest}")
         else:
             click.echo(f"cannot render: {found.problem}")
         second = found.second_renderer or f"none, audits stay incomplete: {found.second_problem}"
         click.echo(f"second renderer  {second}")
-        click.echo("The bytes of a dataset depend on the fingerprint, on what these take from the CPU and on versions:")
+        click.echo("The bytes of a dataset depend on the renderer, on what these take from the CPU and on versions:")
         if found.rasterizer:
             mesa = found.rasterizer
             click.echo(f"Mesa             {mesa.mesa}, LLVM {mesa.llvm}, vectors of {mesa.vector_bits} bits")

@@ -32,10 +32,10 @@ CYCLE_S = 75
 # By option: the question, and what stands for an answer.
 ASKED = {
     "camera": ("model of the camera (none: give sensor and lens)", ""),
-    "size": ("size of the picture, px", "1920x1080"),
+    "size": ("size of the picture, px (with --camera: its own)", "1920x1080"),
     "fov": ("field of view on the data sheet, degrees across x up, such as 84x45 (none: not known)", ""),
     "sensor": ("format of the sensor, such as 1/2.8, or its name, such as IMX335", "1/2.8"),
-    "lens": ("focal length of the lens, mm", "4"),
+    "lens": ("focal length of the lens, mm (with --camera: its longest)", "4"),
     "rate": ("pictures a second", "25"),
     "offset": ("camera from the rope exit: outboard, sideways, up, m", "0,0.6,-0.3"),
     "tilt": ("tilt of the camera from the vertical, degrees", "3"),

@@ -16,6 +16,8 @@ from simgrab.cli._scene import extension_options, load_scene, scene_options
 from simgrab.io.stores import is_url
 from simgrab.text import printable
 
+_LABELS = {"fingerprint": "renderer SHA-256"}
+
 
 @click.command(name="render")
 @scene_options
@@ -102,7 +104,9 @@ def command(
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:
         facts = dataclasses.asdict(summary).items()
-        stdout().print(table((key.replace("_", " "), _text(value)) for key, value in facts if value is not None))
+        stdout().print(
+            table((_LABELS.get(key, key.replace("_", " ")), _text(value)) for key, value in facts if value is not None)
+        )
         click.echo(printable(how))
         if out is not None:
             labels = "labels" if is_url(out) else "labels.parquet"
