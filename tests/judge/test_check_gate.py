@@ -31,7 +31,7 @@ from simgrab.judge.check import baseline, cache, gate, golden, page, report, sui
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.truths import Truths
 
-# Limits so wide that only the baseline can tell.
+# Limits so wide that only the baseline finds a fault.
 SUITE = {
     "name": "small",
     "seed": 0,
@@ -75,8 +75,8 @@ def place(tmp_path_factory):
     """Folder with the suite, its baseline recorded with the sound pipeline, and a cache."""
     folder = tmp_path_factory.mktemp("check")
     small = suite.load(write(folder))
-    told = gate.record(small, options(folder, sound))
-    assert told.passed
+    result = gate.record(small, options(folder, sound))
+    assert result.passed
     return folder
 
 
@@ -89,15 +89,15 @@ def check(folder, make=sound, small=None, **changes):
     return gate.check(small or suite.load(folder / "small.toml"), options(folder, make, **changes))
 
 
-def failed(told):
-    return {verdict.what: verdict.message for verdict in told.verdicts if verdict.status == "failed"}
+def failed(result):
+    return {verdict.what: verdict.message for verdict in result.verdicts if verdict.status == "failed"}
 
 
 def test_a_sound_pipeline_passes_with_the_very_figures_that_were_recorded(place):
-    told = simgrab.check(place / "small.toml", options(place, sound))
-    assert told.passed
-    assert {v.what for v in told.verdicts} == {"baseline", *SUITE["limits"], "golden frame 0"}
-    for verdict in told.verdicts:
+    result = simgrab.check(place / "small.toml", options(place, sound))
+    assert result.passed
+    assert {v.what for v in result.verdicts} == {"baseline", *SUITE["limits"], "golden frame 0"}
+    for verdict in result.verdicts:
         assert verdict.what not in SUITE["limits"] or verdict.value == verdict.reference
 
 
@@ -108,11 +108,11 @@ def test_a_planted_fault_is_stopped_by_the_baseline(place, fault):
 
 
 def test_another_seed_is_compared_with_the_spread_over_seeds(place):
-    told = check(place, seed=3)
-    assert told.passed
-    assert not any(v.what.startswith("golden") for v in told.verdicts)
+    result = check(place, seed=3)
+    assert result.passed
+    assert not any(v.what.startswith("golden") for v in result.verdicts)
     recorded = baseline.load(place / "baselines").scenes["swing"].metrics["angle.overall.rmse_deg"]
-    (rmse,) = (v for v in told.verdicts if v.what == "angle.overall.rmse_deg")
+    (rmse,) = (v for v in result.verdicts if v.what == "angle.overall.rmse_deg")
     assert rmse.reference == pytest.approx(np.mean(recorded))
     assert rmse.allowed > 0.01 + 3 * np.std(recorded, ddof=1)
 
@@ -145,10 +145,10 @@ def test_a_baseline_of_another_instrument_or_version_is_stale(place, monkeypatch
 
 
 def test_without_a_baseline_limits_alone_are_held(place, tmp_path):
-    told = check(place, small=suite.load(write(tmp_path)), baseline=None)
-    assert told.passed
-    assert "none is recorded" in told.notes[0]
-    assert "limits only" in told.notes[0]
+    result = check(place, small=suite.load(write(tmp_path)), baseline=None)
+    assert result.passed
+    assert "none is recorded" in result.notes[0]
+    assert "limits only" in result.notes[0]
     plain = SUITE["scenes"]["swing"] | {"golden": []}
     free = check(place, small=suite.load(write(tmp_path, limits={}, scenes={"swing": plain})), baseline=None)
     assert free.notes[-1] == "swing: nothing is judged, because it has no limits"
@@ -164,19 +164,19 @@ def test_a_baseline_that_is_named_must_be_there(place, tmp_path):
 def test_what_the_baseline_has_too_few_values_for_is_reported(place, tmp_path):
     small = suite.load(place / "small.toml")
     gate.record(small, options(place, sound, baseline=tmp_path), seeds=1)
-    told = check(place, baseline=tmp_path, seed=2)
-    assert told.passed
-    assert "compared with limits only" in told.notes[0]
-    assert "angle.overall.rmse_deg" in told.notes[0]
+    result = check(place, baseline=tmp_path, seed=2)
+    assert result.passed
+    assert "compared with limits only" in result.notes[0]
+    assert "angle.overall.rmse_deg" in result.notes[0]
     same = check(place, baseline=tmp_path)  # the very frames that were recorded
     assert "compared with limits only" not in " ".join(same.notes)
 
 
 def test_limits_that_a_constant_answer_meets_are_named(place):
-    told = check(place)
-    (note,) = told.notes
+    result = check(place)
+    (note,) = result.notes
     assert re.fullmatch(r"swing: warning: .* the same angle would pass angle.overall.rmse_deg ≤ 20 \(it has .*", note)
-    found = told.scenes["swing"].trial
+    found = result.scenes["swing"].trial
     true = np.array([row.alpha_deg for row in found.dataset.rows])
 
     def warned(**limits):
@@ -224,20 +224,20 @@ class TwoDegreesMore:
 
 def test_the_page_states_why_a_check_failed(place, tmp_path):
     small = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1}, "frames.ok": {"lower": 16}}))
-    told = gate.check(small, options(place, TwoDegreesMore(sound(place / "cache")), baseline=None))
-    (scene,) = told.scenes.values()
+    result = gate.check(small, options(place, TwoDegreesMore(sound(place / "cache")), baseline=None))
+    (scene,) = result.scenes.values()
     causes = " ".join(page.causes(scene.trial, ["angle.overall.rmse_deg"]))
     assert "1 of 16 frames have no angle: missed (<no grab>) in 1." in causes
     assert re.search(r"the measured angle is (1\.[89]|2\.[012])\d° too large", causes)
     assert "the error arises after them, where the angle is computed" in causes
-    text = page.page(told)
+    text = page.page(result)
     assert "2 of 3 checks failed" in text
     assert "missed (&lt;no grab&gt;)" in text
     assert text.count("<img") == 5  # the largest errors, and the frame without an angle
     off = [float(error) for error in re.findall(r"<figcaption>.*error ([+-][\d.]+)°", text)]
     assert len(off) == 4
     assert off == sorted(off, reverse=True)
-    assert page.page(told) == text
+    assert page.page(result) == text
     constant = Broken(lambda frames: [MEASURED for _ in frames])
     (scene,) = check(place, constant, small=small, baseline=None).scenes.values()
     assert "hardly follows the swing" in " ".join(page.causes(scene.trial, ["angle.overall.rmse_deg"]))
@@ -250,8 +250,8 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
 
 @needs_chromium
 def test_the_page_fits_windows_and_phones(place, tmp_path):
-    told = check(place, FAULTS["h 5 % off"])
-    shown(page.page(told), tmp_path)
+    result = check(place, FAULTS["h 5 % off"])
+    shown(page.page(result), tmp_path)
     shown(page.page(check(place, Broken(raises))), tmp_path)
 
 
@@ -291,7 +291,7 @@ def quits(_):
 MEASURED = Measurement(status="ok", alpha=0.1)
 
 
-def telling(**fields):
+def outputs(**fields):
     return lambda frames: [Measurement(**{"status": "ok", "alpha": 0.1} | fields) for _ in frames]
 
 
@@ -310,15 +310,15 @@ ACTS = {
         "requested frame 0 after",
     ),
     "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
-    "gives a text": (telling(alpha="0.1"), "frame 0: alpha"),
-    "gives nan": (telling(alpha=float("nan")), "frame 0: alpha"),
-    "gives a centre of nan": (telling(centre=(float("nan"), 1.0)), "centre: (nan, 1.0) is not finite"),
-    "gives a sure danger": (telling(danger=1.5), "frame 0: danger"),
-    "gives an interval upside down": (telling(alpha_low=0.2, alpha_high=0.1), "alpha_low: 0.2 rad is above"),
-    "gives one number of two": (telling(rope_text="0615"), "got '0615'"),
-    "gives degrees": (telling(alpha=5.0), "5 rad is beyond"),
-    "gives a box upside down": (telling(box=(1.0, 9.0, 5.0, 4.0)), "y0 < y1 are required"),
-    "gives a bad box": (telling(box=(1.0, 2.0)), "frame 0: box"),
+    "gives a text": (outputs(alpha="0.1"), "frame 0: alpha"),
+    "gives nan": (outputs(alpha=float("nan")), "frame 0: alpha"),
+    "gives a centre of nan": (outputs(centre=(float("nan"), 1.0)), "centre: (nan, 1.0) is not finite"),
+    "gives a sure danger": (outputs(danger=1.5), "frame 0: danger"),
+    "gives an interval upside down": (outputs(alpha_low=0.2, alpha_high=0.1), "alpha_low: 0.2 rad is above"),
+    "gives one number of two": (outputs(rope_text="0615"), "got '0615'"),
+    "gives degrees": (outputs(alpha=5.0), "5 rad is beyond"),
+    "gives a box upside down": (outputs(box=(1.0, 9.0, 5.0, 4.0)), "y0 < y1 are required"),
+    "gives a bad box": (outputs(box=(1.0, 2.0)), "frame 0: box"),
 }
 
 
@@ -332,14 +332,14 @@ def test_an_instrument_that_breaks_is_a_failure_reported_in_one_line(place, act)
 
 def test_numbers_of_numpy_are_numbers(place):
     box, centre = np.array([1.0, 2.0, 3.0, 4.0]), (np.float32(2), np.float64(3))
-    act = telling(alpha=np.float32(0.1), box=box, centre=centre)
+    act = outputs(alpha=np.float32(0.1), box=box, centre=centre)
     assert "instrument" not in failed(check(place, Broken(act), baseline=None))
 
 
 def test_nothing_is_recorded_of_an_instrument_that_fails(place, tmp_path):
     small = suite.load(write(tmp_path))
-    told = gate.record(small, options(place, Broken(raises), baseline=tmp_path / "new"))
-    assert not told.passed
+    result = gate.record(small, options(place, Broken(raises), baseline=tmp_path / "new"))
+    assert not result.passed
     assert not (tmp_path / "new").exists()
     with pytest.raises(SuiteError, match="name another by --baseline"):
         gate.record(small, options(place, sound, baseline=None))
@@ -453,11 +453,11 @@ def test_the_command_passes_and_writes_json_and_junit(shell, tmp_path):
     status, out = shell("--instrument", "pipelines:sound")
     assert status == 0
     assert "passed" in out
-    told = json.loads((tmp_path / "out" / "check.json").read_text())
-    assert told["status"] == "passed"
-    assert told["metrics"]["swing"]["detection.recall"] == 1.0
+    result = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert result["status"] == "passed"
+    assert result["metrics"]["swing"]["detection.recall"] == 1.0
     cases = ElementTree.parse(tmp_path / "out" / "junit.xml").findall(".//testcase")
-    assert len(cases) == len(told["verdicts"])
+    assert len(cases) == len(result["verdicts"])
     assert {c.get("classname") for c in cases} == {"simgrab.small", "simgrab.small.swing"}
     assert ElementTree.parse(tmp_path / "out" / "junit.xml").find(".//property").get("value") == "check.html"
     assert "<h1>Check small: passed</h1>" in (tmp_path / "out" / "check.html").read_text()
