@@ -28,6 +28,7 @@ from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, trial, verdicts
+from simgrab.judge.check.causes import causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.truths import Truths
 
@@ -226,10 +227,10 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     small = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1}, "frames.ok": {"lower": 16}}))
     result = gate.check(small, options(place, TwoDegreesMore(sound(place / "cache")), baseline=None))
     (scene,) = result.scenes.values()
-    causes = " ".join(page.causes(scene.trial, ["angle.overall.rmse_deg"]))
-    assert "1 of 16 frames have no angle: missed (<no grab>) in 1." in causes
-    assert re.search(r"the measured angle is (1\.[89]|2\.[012])\d° too large", causes)
-    assert "the error arises after them, where the angle is computed" in causes
+    why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert "1 of 16 frames have no angle: missed (<no grab>) in 1." in why
+    assert re.search(r"the measured angle is (1\.[89]|2\.[012])\d° too large", why)
+    assert "the error arises after them, where the angle is computed" in why
     text = page.page(result)
     assert "2 of 3 checks failed" in text
     assert "missed (&lt;no grab&gt;)" in text
@@ -240,11 +241,11 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     assert page.page(result) == text
     constant = Broken(lambda frames: [MEASURED for _ in frames])
     (scene,) = check(place, constant, small=small, baseline=None).scenes.values()
-    assert "hardly follows the swing" in " ".join(page.causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert "hardly follows the swing" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
     (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
     assert re.fullmatch(
         r"On .* (1\.[89]|2\.[012]) px right of and 0\.\d px (below|above) the true one\.",
-        " ".join(page.causes(scene.trial, ["detection.centre.median_px"])),
+        " ".join(causes(scene.trial, ["detection.centre.median_px"])),
     )
 
 
@@ -479,6 +480,9 @@ def test_the_command_fails_with_status_1(shell, tmp_path):
     failures = root.findall(".//failure")
     assert len(failures) == int(root.find("testsuite").get("failures")) > 0
     assert "worse than the baseline" in failures[0].get("message")
+    (why,) = (line for line in out.splitlines() if line.startswith("swing: On average the measured centre lies"))
+    assert all(one.get("message").endswith(why.removeprefix("swing: ")) for one in failures)
+    assert why.removeprefix("swing: ") in (tmp_path / "out" / "check.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ import numpy as np
 
 from simgrab.dataset import preview
 from simgrab.instrument.contract import Measurement, Picture
-from simgrab.instrument.run.page import reasons
 from simgrab.io import pictures
 from simgrab.judge.check.report import Outcome, Report, anchor
 from simgrab.judge.check.table import cells
@@ -54,14 +53,14 @@ def page(report: Report) -> str:
 
 
 def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
-    trial, failed = outcome.trial, [verdict.what for verdict in outcome.verdicts if verdict.status == "failed"]
+    trial = outcome.trial
     budget = trial.evaluation["budget"] if trial and trial.evaluation else None
     return {
         "name": name,
         "anchor": anchor(name),
-        "failed": bool(failed),
+        "failed": any(verdict.status == "failed" for verdict in outcome.verdicts),
         "notes": outcome.notes,
-        "causes": list(causes(trial, failed)) if trial and failed else [],
+        "causes": outcome.causes,
         "table": _table(outcome.verdicts),
         "trace": trace(trial.run, trial.known) if trial and trial.run and trial.known else None,
         "worst": list(_worst(trial)) if trial else [],
@@ -83,59 +82,6 @@ def _table(verdicts: Sequence[Verdict]) -> dict[str, Any]:
         "rows": [[row[i] for i in used] for row in rows],
         "bad": [i for i, verdict in enumerate(verdicts) if verdict.status == "failed"],
     }
-
-
-def causes(trial: Trial, failed: Sequence[str]) -> Iterator[str]:
-    """State in sentences what the errors of a scene consist of; nothing where the instrument failed.
-
-    Parameters
-    ----------
-    trial : Trial
-    failed : sequence of str
-        Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did.
-    """
-    if trial.run is None or trial.known is None or trial.evaluation is None:
-        return
-    run, true = trial.run, trial.known.alpha
-    if lost := reasons(run):
-        listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
-        yield f"{sum(count for *_, count in lost)} of {len(true)} frames have no angle: {listed}."
-    offset = [trial.metrics.get(f"detection.centre.{axis}_mean_px") for axis in "uv"]
-    if offset[0] is not None and offset[1] is not None and any(what.startswith("detection.centre") for what in failed):
-        right, down = "right of" if offset[0] > 0 else "left of", "below" if offset[1] > 0 else "above"
-        yield (
-            f"On average the measured centre lies {abs(offset[0]):.1f} px {right} and {abs(offset[1]):.1f} px {down} "
-            "the true one."
-        )
-    if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
-        return
-    both = np.isfinite(run.alpha) & np.isfinite(true)
-    bias, rmse = (trial.metrics[f"angle.overall.{name}_deg"] for name in ("bias", "rmse"))
-    if bias is None or rmse is None:
-        return
-    spread, true_spread = (float(np.rad2deg(angle[both].std())) for angle in (run.alpha, true))
-    if spread < true_spread / 10:
-        yield (
-            f"The measured angle hardly follows the swing: its standard deviation is {spread:.2f}°, that of the true "
-            f"swing {true_spread:.2f}°."
-        )
-    elif bias**2 > rmse**2 / 2:
-        rest = math.sqrt(max(rmse**2 - bias**2, 0.0))
-        yield (
-            f"Most of the error is an offset: on average, the measured angle is {abs(bias):.2f}° too "
-            f"{'large' if bias > 0 else 'small'}. Without it the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
-        )
-    budget = trial.evaluation.budget
-    if budget is None:
-        return
-    fed = budget.chain[-1].rmse_deg  # estimated from the run's own centres and lengths
-    if fed is not None and budget.run.rmse_deg is not None and budget.run.rmse_deg > 2 * fed:
-        yield (
-            f"From the centres and rope lengths that this pipeline measured, simgrab's estimator {budget.estimator} "
-            f"computes angles with an RMSE of {fed:.2f}°: the error arises after them, where the angle is computed."
-        )
-    else:
-        yield f"Largest contribution in the error budget below: {budget.limit}."
 
 
 def _worst(trial: Trial) -> Iterator[tuple[bytes, str]]:

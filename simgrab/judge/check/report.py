@@ -16,6 +16,7 @@ from simgrab.errors import SuiteError
 from simgrab.io.destination import writing
 from simgrab.io.files import write
 from simgrab.io.parse import read_json
+from simgrab.judge.check.causes import causes
 from simgrab.judge.check.trial import Metrics, Trial
 from simgrab.judge.check.verdicts import Verdict
 
@@ -47,6 +48,12 @@ class Outcome:
     pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     trial: Trial | None = None
+
+    @property
+    def causes(self) -> str:
+        """What the errors of a scene that failed consist of, in sentences."""
+        failed = [verdict.what for verdict in self.verdicts if verdict.status == "failed"]
+        return " ".join(causes(self.trial, failed)) if self.trial and failed else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +130,10 @@ def as_junit(report: Report) -> bytes:
         )
         if verdict.status != "passed":
             tag = "failure" if verdict.status == "failed" else "skipped"
-            found = ElementTree.SubElement(case, tag, {"message": _printable(verdict.message)})
+            scene = report.scenes.get(verdict.scene)
+            why = scene.causes if scene and tag == "failure" else ""
+            message = ". ".join(filter(None, (verdict.message, why)))
+            found = ElementTree.SubElement(case, tag, {"message": _printable(message)})
             found.text = _printable(f"see {PAGE}#{anchor(verdict.scene)}")
     ElementTree.SubElement(suite, "system-out").text = "\n".join(map(_printable, report.notes))
     return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))

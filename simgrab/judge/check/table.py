@@ -25,6 +25,9 @@ def show(report: Report, *, quiet: bool = False) -> None:
         if verdict.status == "failed" or (verdict.message and not quiet):
             name = " ".join(filter(None, (verdict.scene, verdict.what)))
             console.print(f"{cell(name)}: [{COLOURS[verdict.status]}]{cell(verdict.message)}[/]", soft_wrap=True)
+    for name, scene in report.scenes.items():
+        if scene.causes:
+            console.print(cell(f"{name}: {scene.causes}"), soft_wrap=True)
     if not quiet:
         for note in report.notes:
             console.print(cell(note), soft_wrap=True)
