@@ -111,4 +111,9 @@ def _nothing(metric: str, metrics: Metrics) -> str:
     """Return why there is no value."""
     if metric.startswith(("angle.", "interval.")) and metrics.get("frames.ok") == 0:
         return "no value: no frame has an angle"
+    if metric.startswith("alarm.") and metrics.get("alarm", 0) is None and not unknown(metric):
+        return (
+            "no value: alarms need frames in time, and this scene draws each on its own; give it swing.model = "
+            '"dynamic", or move the limit into [scenes.NAME.limits] of one that has it, such as work-cycles'
+        )
     return unknown(metric) or "no value: the instrument did not output the field, or the scene has no such data"
