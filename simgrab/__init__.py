@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from simgrab.model import calibration as calibration
     from simgrab.model import layouts as layouts
     from simgrab.model import scenes as scenes
+    from simgrab.model.records.estimates import Estimate as Estimate
     from simgrab.model.scenes import load as load
     from simgrab.world.frames import FrameDataset as FrameDataset
     from simgrab.world.frames import frames as frames
@@ -62,6 +63,7 @@ _HOME = {
     "estimate": "simgrab.instrument.estimate.measure",
     "evaluate": "simgrab.judge.evaluate.evaluation",
     "stress": "simgrab.lab.stress.laboratory",
+    "Estimate": "simgrab.model.records.estimates",
 }
 _MODULES = ("calibration", "layouts", "scenes")
 __all__ = ["__version__", *_HOME, *_MODULES]

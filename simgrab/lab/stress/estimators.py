@@ -28,7 +28,22 @@ class Estimating(Protocol):
         rope_length: Array | None = None,
         time: Array | None = None,
     ) -> Estimate:
-        """Estimate from one record: pixels (n, 2), NaN where the frame is missing; rope_length and time (n,)."""
+        r"""Estimate from one record.
+
+        Parameters
+        ----------
+        pixels : ndarray, shape (n, 2)
+            Grab centre in the distorted picture, px: u to the right and v down from the outer corner of the top-left
+            pixel. NaN where the frame is missing.
+        calibration : Calibration
+            ``calibration.intrinsics.rays(pixels)`` are the unit rays, shape (n, 3), in the camera frame: x right, y
+            down, z forward. With roll 0 the top of the picture is outboard, and gravity is
+            ``(sinβ sin az, sinβ cos az, cosβ)``, where az is the tilt azimuth.
+        rope_length : ndarray, shape (n,)
+            \|OA\|, m.
+        time : ndarray, shape (n,), or None
+            Seconds; None for independent frames.
+        """
 
 
 def find(name: str) -> Estimating:
@@ -93,7 +108,7 @@ def run(name: str, records: Records, own: Mapping[str, Estimating] | None = None
 def flaw(estimate: Any, frames: int) -> str:
     """Describe what is wrong with what an estimator returned for a record of so many frames; empty where nothing is."""
     if not isinstance(estimate, Estimate):
-        return f"estimate must return a simgrab.model.records.estimates.Estimate, got {type(estimate).__name__}"
+        return f"estimate must return a simgrab.Estimate, got {type(estimate).__name__}"
     if estimate.status not in ("ok", "refused"):
         return f"status must be 'ok' or 'refused', got {estimate.status!r}"
     if not estimate.ok:
@@ -130,11 +145,15 @@ def stacked(name: str, each: Sequence[Estimate], frames: int) -> Estimates:
         ends = column(own, "beta", 2), column(own, "sigma", 2), column(own, "alpha", frames, 2)
         return Intervals(kind.kind, kind.level, *ends, kind.blocks, kind.note)
 
+    alpha = column(each, "alpha", frames)
+    seen = np.isfinite(alpha).sum(axis=1)
+    sigma = np.sqrt(np.nansum(alpha**2, axis=1) / np.where(seen, seen, np.nan))
     kinds = max((e.intervals for e in each), key=len, default=())
     offset = None if all(e.offset is None for e in each) else column(each, "offset", 3)
     return Estimates(
         name, np.array([e.ok for e in each], bool), np.array([e.reason for e in each], str),
-        np.array([e.frames for e in each], np.int64), column(each, "beta"), column(each, "tilt_azimuth"),
-        column(each, "sigma"), column(each, "alpha", frames), offset,
+        np.array([e.frames or n for e, n in zip(each, seen, strict=True)], np.int64),
+        column(each, "beta"), column(each, "tilt_azimuth"),
+        np.where([e.sigma is None for e in each], sigma, column(each, "sigma")), alpha, offset,
         tuple(interval(kind) for kind in kinds), {},
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -57,18 +57,21 @@ def _of_kind(intervals: tuple[Intervals, ...], kind: str) -> Intervals:
 class Estimate:
     """Result of an estimator for one record of n frames, or its refusal. Radians, metres, jib frame.
 
+    An estimator of your own returns what it knows, `alpha` at least: ``Estimate(alpha=alpha)``.
+
     Attributes
     ----------
     estimator : str
-        Its name in the registry.
+        Its name in the registry; empty for one of your own.
     status : str
         ``"ok"`` or ``"refused"``.
     reason : str
         Reason of a refusal; empty when ok.
     frames : int
-        How many frames were used; rows without a finite pixel are missing frames.
+        How many frames were used; rows without a finite pixel are missing frames. 0: those with a finite `alpha`.
     beta, tilt_azimuth, sigma : float or None
-        Tilt, direction of the optical axis' horizontal part in [0, 2π), √E[α²]; None when refused.
+        Tilt, direction of the optical axis' horizontal part in [0, 2π), √E[α²]; None when refused or not estimated. A
+        study then leaves the errors of tilt and of α at a true 10° empty, and computes `sigma` from `alpha`.
     alpha : ndarray, shape (n,), or None
         Swing of each frame, NaN where the frame is missing; None when refused.
     offset : ndarray, shape (3,), or None
@@ -79,17 +82,17 @@ class Estimate:
         The estimator's diagnostics: iterations, history, concentration, …
     """
 
-    estimator: str
-    status: str
-    reason: str
-    frames: int
-    beta: float | None
-    tilt_azimuth: float | None
-    sigma: float | None
-    alpha: Array | None
-    offset: Array | None
-    intervals: tuple[Intervals, ...]
-    diagnostics: Mapping[str, Any]
+    estimator: str = ""
+    status: str = "ok"
+    reason: str = ""
+    frames: int = 0
+    beta: float | None = None
+    tilt_azimuth: float | None = None
+    sigma: float | None = None
+    alpha: Array | None = None
+    offset: Array | None = None
+    intervals: tuple[Intervals, ...] = ()
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:

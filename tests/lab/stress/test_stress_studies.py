@@ -101,8 +101,13 @@ class Stubborn:
 
     def estimate(self, pixels, calibration, *, rope_length=None, time=None):  # noqa: ARG002
         if len(pixels) < 30:
-            return Estimate("stubborn", "refused", "too short", len(pixels), None, None, None, None, None, (), {})
+            return Estimate(status="refused", reason="too short")
         return MeanRay().estimate(pixels, calibration)
+
+
+class AnglesOnly:
+    def estimate(self, pixels, calibration, *, rope_length=None, time=None):  # noqa: ARG002
+        return Estimate(alpha=MeanRay().estimate(pixels, calibration).alpha)
 
 
 class Broken:
@@ -119,6 +124,16 @@ def test_anybodys_estimator_is_judged_like_the_packages_own():
             assert (ours.count, ours.mean) == pytest.approx((theirs.count, theirs.mean), rel=1e-12, nan_ok=True), column
     assert summary.at((10.0,), name, "refused").mean == 1.0
     assert summary.at((10.0,), name, "miss").count == 0
+
+
+def test_of_an_estimator_that_returns_angles_alone_the_rest_is_computed_or_empty():
+    name = f"{__name__}:AnglesOnly"
+    summary = summed(small("missing", (0.3,), replications=20, estimators=("mean-ray", name)))
+    for column in ("sigma_error_deg", "alpha_rms_deg", "alpha_most_deg", "used"):
+        ours, theirs = (summary.at((0.3,), e, column) for e in (name, "mean-ray"))
+        assert (ours.count, ours.mean) == pytest.approx((theirs.count, theirs.mean), rel=1e-12), column
+    for column in ("beta_error_deg", "alpha10_rms_deg", "miss", "cover_beta"):
+        assert summary.at((0.3,), name, column).count == 0, column
 
 
 def test_an_estimator_object_is_studied_from_python():
@@ -160,7 +175,7 @@ class Wrong:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({}, "must return a simgrab.model.records.estimates.Estimate, got dict"),
+        ({}, "must return a simgrab.Estimate, got dict"),
         ({"alpha": np.zeros(5)}, r"one value for each of 20 frames, got the shape \(5,\)"),
         ({"alpha": np.full(20, 5.0)}, "alpha reaches 5 rad, beyond the horizontal; angles are in radians"),
         ({"beta": 3.0}, "beta reaches 3 rad, beyond the horizontal; angles are in radians"),
