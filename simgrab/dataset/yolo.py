@@ -18,8 +18,8 @@ from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row
 
 Mask = dict[str, Any]
 """The visible grab as COCO's compressed run lengths."""
-INSET_PX = 0.001
-"""By which a polygon lies within the outline of its pixels, so that readers that round down in 32 bits get them."""
+INSET = 4e-7
+"""Share of the picture by which polygons lie within their pixels: readers that round down in 32 bits get these."""
 _NEEDED = ("train", "val")
 
 
@@ -32,10 +32,13 @@ class YoloKind(NamedTuple):
         Gives the numbers after the class, of a labelled row, its visible box and its mask.
     yaml : tuple of str
         Lines of ``data.yaml`` besides those of all kinds.
+    digits : int
+        Decimals of the numbers.
     """
 
     values: Callable[[Row, Array, Mask | None], Array]
     yaml: tuple[str, ...] = ()
+    digits: int = 10
 
 
 def _box(row: Row, box: Array, _mask: Mask | None) -> Array:
@@ -63,7 +66,7 @@ def _oriented(row: Row, box: Array, _mask: Mask | None) -> Array:
 KINDS = {
     "box": YoloKind(_box),
     "pose": YoloKind(_pose, ("task: pose", f"kpt_shape: [{len(KEYPOINT_NAMES)}, 3]")),
-    "seg": YoloKind(_polygon, ("task: segment",)),
+    "seg": YoloKind(_polygon, ("task: segment",), 7),
     "obb": YoloKind(_oriented, ("task: obb",)),
 }
 """By the names that ``labels.yolo`` has for them."""
@@ -89,7 +92,8 @@ def label(row: Row, mask: Mask | None, scenario: Scenario, kind: str) -> bytes:
     box = arrays.box(row)
     if box is None or not arrays.is_labelled(row, scenario.labels.least_visible_fraction):
         return b""
-    return f"0 {' '.join(f'{value:.10f}' for value in KINDS[kind].values(row, box, mask))}\n".encode()
+    how = KINDS[kind]
+    return f"0 {' '.join(f'{value:.{how.digits}f}' for value in how.values(row, box, mask))}\n".encode()
 
 
 def data_yaml(full: Sequence[str], kind: str) -> bytes:
@@ -111,12 +115,13 @@ def data_yaml(full: Sequence[str], kind: str) -> bytes:
 def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Array:
     """Outline the pixels of a mask by one polygon.
 
-    Its edges follow the outer edges of the pixels, `INSET_PX` within them. Parts and holes are joined by lines that the
-    polygon passes twice.
+    It joins the middles of the pixels' outer edges, `INSET` within them, and leaves out those on a straight line. So it
+    separates the same pixel centres as the edges do. Parts and holes are joined by lines that the polygon passes twice.
 
     Parameters
     ----------
     mask : ndarray of uint8, shape (height, width)
+        Of the whole picture.
     x0, y0, x1, y1 : int
         Box of its pixels, half open.
 
@@ -126,9 +131,8 @@ def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Arra
         Corners x, y, px.
     """
     doubled = mask[y0:y1, x0:x1].repeat(2, axis=0).repeat(2, axis=1)  # corners of a pixel are pixels of their own
-    found, _ = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    paths = [contour[:, 0] // 2 + np.where(contour[:, 0] % 2, 1 - INSET_PX, INSET_PX) for contour in found]
-    paths.sort(key=len)
+    found, _ = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    paths = sorted((_middles(contour[:, 0]) for contour in found), key=len)
     joined = paths.pop()
     tree = KDTree(joined)
     for path in sorted(paths, key=lambda path: tree.query(path)[0].min()):
@@ -136,7 +140,22 @@ def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Arra
         own = int(distances.argmin())
         at = nearest[own]
         joined = np.concatenate([joined[: at + 1], path[own:], path[: own + 1], joined[at:]])
-    return joined + (x0, y0)
+    inset = np.multiply(INSET, mask.shape[::-1])
+    return joined // 4 + np.choose(joined % 4 - 1, [inset, 0.5 - inset, 1 - inset]) + (x0, y0)
+
+
+def _middles(corners: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Find the middles of a contour's edges in quarters of a pixel, of which 1 is a left or upper edge and 3 another.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n, 2)
+        Contour of a mask in which each pixel is 2x2.
+    """
+    following = np.roll(corners, -1, axis=0)
+    edges = (corners // 2 == following // 2).all(axis=1)
+    quarters = 4 * (corners // 2) + np.where(corners == following, 1 + 2 * (corners % 2), 2)
+    return np.asarray(cv2.approxPolyDP(quarters[edges], 0, closed=True)[:, 0])
 
 
 def _size(row: Row) -> tuple[int, int]:

@@ -22,7 +22,7 @@ from simgrab.dataset import preview
 from simgrab.dataset.box_files import parse
 from simgrab.dataset.card import HF_SPLITS
 from simgrab.dataset.export import FORMATS, export
-from simgrab.dataset.yolo import INSET_PX, outline
+from simgrab.dataset.yolo import outline
 from simgrab.errors import DatasetError
 from simgrab.model.truth import KEYPOINT_NAMES, Row
 
@@ -118,8 +118,8 @@ def test_yolo_polygons_are_the_masks(source, exported):
             shares = values.astype(np.float32).reshape(-1, 2)
             cv2.fillPoly(mask, [(shares * np.array(size, np.float32)).astype(np.int32)], 1)
             assert (mask != frame.mask).sum() <= 1e-3 * frame.mask.sum()  # lines between parts
-            bounds = [corners.min(axis=0), corners.max(axis=0)]
-            np.testing.assert_allclose(np.ravel(bounds), frame.box, rtol=0, atol=1.1 * INSET_PX)
+            bounds = np.array([corners.min(axis=0), corners.max(axis=0)]) / size
+            np.testing.assert_allclose(bounds, frame.box.reshape(2, 2) / size, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("blur", [0.3, 2.0])
@@ -131,6 +131,10 @@ def test_a_polygon_is_any_mask_with_parts_and_holes(blur):
         x, y, w, h = cv2.boundingRect(mask)
         (coded,) = coco_mask.frPyObjects([outline(mask, x, y, x + w, y + h).ravel().tolist()], *mask.shape)
         np.testing.assert_array_equal(coco_mask.decode(coded), mask)
+
+
+def test_a_polygon_has_no_corners_on_a_straight_line():
+    assert len(outline(np.tri(90, dtype=np.uint8), 0, 0, 90, 90)) <= 6
 
 
 def test_yolo_oriented_boxes(source, exported):
@@ -175,8 +179,8 @@ def test_tools_read_every_kind_of_yolo_label(source, exported, kind, stated):
         frame = source.frame(int(image.file[-10:-4]))
         assert len(image.boxes) == frame.labelled
         if frame.labelled and kind != "obb":
-            box = image.boxes[0][1] * np.tile([frame.truth.width_px, frame.truth.height_px], 2)
-            np.testing.assert_allclose(box, frame.box, rtol=0, atol=1.1 * INSET_PX)
+            size = np.tile([frame.truth.width_px, frame.truth.height_px], 2)
+            np.testing.assert_allclose(image.boxes[0][1], frame.box / size, rtol=0, atol=1e-6)
 
 
 def test_coco(source, exported):
