@@ -89,7 +89,7 @@ class _KeysPage:
         yield from ("", "| key | values | default | meaning |", "|---|---|---|---|")
         for names, rows in sorted(groups.items(), key=lambda group: -len(group[0])):
             if len(kinds) > 1:
-                yield f"| **{'every kind' if len(names) == len(kinds) else ', '.join(names)}** | | | |"
+                yield f"| **{'every kind' if len(names) == len(kinds) else ', '.join(names)}** |"
             yield from rows
 
     def _kinds(self, value: Table) -> list[str]:

@@ -23,8 +23,9 @@ Sha256 = Annotated[str, about("SHA-256 of the content; filled in when it is read
 
 UNITS = {
     "pixels_per_mm": "px/mm", "deg_per_m": "°/m", "mbit_s": "Mbit/s", "deg_s": "°/s", "m_min": "m/min", "m_s2": "m/s²",
-    "mm_h": "mm/h", "percent": "%", "stops": "stops", "m_s": "m/s", "rpm": "1/min", "ppm": "ppm", "deg": "°", "px": "px", "mm": "mm", "m2": "m²",
-    "m3": "m³", "hz": "Hz", "ms": "ms", "kg": "kg", "db": "dB", "ev": "stops", "m": "m", "s": "s", "e": "electrons",
+    "mm_h": "mm/h", "percent": "%", "stops": "stops", "m_s": "m/s", "rpm": "1/min", "ppm": "ppm", "deg": "°",
+    "px": "px", "mm": "mm", "m2": "m²", "m3": "m³", "hz": "Hz", "ms": "ms", "kg": "kg", "db": "dB", "ev": "stops",
+    "m": "m", "s": "s", "e": "electrons",
 }  # fmt: skip
 """What the end of a key's name says of its unit, longest first."""
 
