@@ -1,25 +1,17 @@
-"""Write the reference pages that are made from the code alone: ``python -m scripts.make_reference``.
-
-``docs/scene-keys.md`` is made from the JSON schema of scene files, and ``docs/help.md`` from the commands.
-"""
+"""Write ``docs/scene-keys.md`` from the JSON schema of scene files: ``python -m scripts.make_reference``."""
 
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
-import click
-
 from scripts.make_tables import DOCS
-from simgrab.cli import cli
 from simgrab.model.scenario import schema
-from simgrab.model.scenario.base import unit_of
+from simgrab.model.scenario.base import UNITS
 
-_COLUMNS = 88
-_TAGS = ("model", "dist")
-_TYPES = {"number": "number", "integer": "integer", "string": "text", "boolean": "`true`, `false`", "null": "absent"}
+PAGE = DOCS / "scene-keys.md"
+_TYPES = {"number": "number", "integer": "integer", "string": "text", "boolean": "`true`, `false`"}
 
 Table = dict[str, Any]
 
@@ -47,69 +39,65 @@ class _KeysPage:
         )
         yield ""
         yield (
-            "Keys of a table that comes in kinds depend on its `model`. "
-            "A key that takes a *distribution* is a table with `dist` ([below](#distributions)), or a number, "
-            "which is the same in every frame."
+            "A range stands for a number. A *distribution* is a table with `dist` ([below](#distributions)), "
+            "or a number, which is the same in every frame. A table's `model` selects further keys, under its name. "
+            "The end of a key's name is its unit: " + ", ".join(f"`{end}` {unit}" for end, unit in UNITS.items()) + "."
         )
-        scenario = self._definitions["Scenario"]
-        plain = {k: v for k, v in scenario["properties"].items() if not self._kinds(v) and k != "vary"}
-        yield from self._section("Top level", 2, "", {"properties": plain})
-        for key, value in scenario["properties"].items():
-            if key not in plain and key != "vary":
+        scenario = self._definitions["Scenario"]["properties"]
+        plain = {k: v for k, v in scenario.items() if not self._kinds(v)}
+        yield from ("", "## Top level", *self._keys([{"properties": plain}]))
+        for key, value in scenario.items():
+            if key == "vary":
+                yield from ("", "## vary", "", value["description"])
+                yield "[Let keys vary](writing-scenes.md#let-keys-vary) shows how."
+                yield from self._keys([self._definitions["OneOf"]])
+            elif key not in plain:
                 yield from self._tables(key, value, 2)
-        yield from ("", "## vary", "", scenario["properties"]["vary"]["description"])
-        yield "[Let keys vary](writing-scenes.md#let-keys-vary) shows how."
-        yield from self._section("one-of", 3, 'dist = "one-of"', self._definitions["OneOf"])
         yield from ("", "## Distributions", "", "Values have the unit of the key that takes the distribution.")
-        for name in self._distributions:
-            table = self._definitions[name]
-            dist = table["properties"]["dist"]["enum"][0]
-            yield from self._section(dist, 3, f'dist = "{dist}"', table)
+        yield from self._keys([self._definitions[name] for name in self._distributions])
 
     def _tables(self, key: str, value: Table, level: int) -> Iterator[str]:
-        """Sections of a table, of each of its kinds, and of the tables within."""
-        kinds = self._kinds(value)
-        if len(kinds) > 1 or "model" in self._definitions[kinds[0]]["properties"]:
-            default = value.get("default")
-            yield from ("", f"{'#' * level} {key}", "", value["description"])
-            if isinstance(default, dict) and default:
-                yield f"The default is `{default['model']}`."
-            for name in kinds:
-                table = self._definitions[name]
-                model = table["properties"]["model"]["enum"][0]
-                yield from self._section(f"{key}: {model}", level + 1, f'model = "{model}"', table)
-        else:
-            yield from self._section(key, level, "", self._definitions[kinds[0]])
-        done: set[str] = set()
-        for name in kinds:
-            for inner, of in self._definitions[name]["properties"].items():
-                if inner not in done and self._kinds(of) and not self._is_distribution(of):
-                    done.add(inner)
-                    yield from self._tables(f"{key}.{inner}", of, min(level + 1, 4))
+        """Sections of a table, or of its kinds, and of the tables within."""
+        tables = [self._definitions[name] for name in self._kinds(value)]
+        yield from ("", f"{'#' * level} {key}")
+        if level == 2:  # else a row of the table around it describes it
+            yield from ("", value["description"])
+        yield from self._keys(tables, value.get("default"))
+        within = {k: v for table in tables for k, v in table["properties"].items() if self._kinds(v)}
+        for inner, of in within.items():
+            if not self._is_distribution(of):
+                yield from self._tables(f"{key}.{inner}", of, min(level + 1, 4))
 
-    def _section(self, title: str, level: int, selected: str, table: Table) -> Iterator[str]:
-        """Heading, description and keys of one table."""
-        yield from ("", f"{'#' * level} {title}", "")
-        if selected:
-            yield from (f"`{selected}`", "")
-        keys = {k: v for k, v in table.get("properties", {}).items() if k not in _TAGS}
-        if not keys:
-            yield "No keys."
-            return
-        yield from ("| key | unit | values | default | what it is |", "|---|---|---|---|---|")
-        required = table.get("required", ())
-        for key, value in keys.items():
-            default = "required" if key in required else self._default(value)
-            yield f"| `{key}` | {unit_of(key)} | {self._values(value)} | {default} | {_cell(value['description'])} |"
+    def _keys(self, tables: list[Table], default: Any = None) -> Iterator[str]:
+        """Keys of a table or of its kinds; a key that several kinds share comes once."""
+        usual = default.get("model") if isinstance(default, dict) else None
+        tag = next((tag for tag in ("model", "dist") if tag in tables[0]["properties"]), "")
+        kinds = [table["properties"][tag]["enum"][0] if tag else "" for table in tables]
+        if tag:
+            options = [f"`{kind}` (default)" if kind == usual else f"`{kind}`" for kind in kinds]
+            yield from ("", f"`{tag}`: {', '.join(options)}.")
+        of: dict[str, list[str]] = {}
+        for table, kind in zip(tables, kinds, strict=True):
+            for key, value in table["properties"].items():
+                preset = "required" if key in table.get("required", ()) else self._default(value)
+                if key != tag:
+                    row = f"| `{key}` | {self._values(value)} | {preset} | {value['description']} |"
+                    of.setdefault(row, []).append(kind)
+        groups: dict[tuple[str, ...], list[str]] = {}
+        for row, having in of.items():
+            groups.setdefault(tuple(having), []).append(row)
+        yield from ("", "| key | values | default | meaning |", "|---|---|---|---|")
+        for names, rows in sorted(groups.items(), key=lambda group: -len(group[0])):
+            if len(kinds) > 1:
+                yield f"| **{'every kind' if len(names) == len(kinds) else ', '.join(names)}** |"
+            yield from rows
 
     def _kinds(self, value: Table) -> list[str]:
         """Names of the tables that a key takes."""
-        parts = value.get("anyOf", [value])
-        if value.get("type") == "array" and "$ref" in (value.get("items") or {}):
-            parts = [value["items"]]
-        if isinstance(each := value.get("additionalProperties"), dict):  # tables by name
-            parts = each.get("anyOf", [each])
-        return [part["$ref"].rsplit("/", 1)[1] for part in parts if "$ref" in part]
+        if "$ref" in (value.get("items") or {}):
+            value = value["items"]
+        each = value.get("additionalProperties") or value  # tables by name
+        return [part["$ref"].rsplit("/", 1)[1] for part in _parts(each) if "$ref" in part]
 
     def _is_distribution(self, value: Table) -> bool:
         return set(self._kinds(value)) == set(self._distributions)
@@ -117,18 +105,17 @@ class _KeysPage:
     def _values(self, value: Table) -> str:
         if self._is_distribution(value):
             return "[distribution](#distributions)"
-        if value.get("type") != "array" and "anyOf" in value and not self._kinds(value):
-            return " or ".join(self._values(part) for part in value["anyOf"])
+        parts = [part for part in _parts(value) if part.get("type") != "null"]  # null is the default where it is valid
+        if len(parts) > 1:
+            return " or ".join(dict.fromkeys(map(self._values, parts)))
+        (value,) = parts
         if self._kinds(value):
-            plain = [_TYPES[part["type"]] for part in value.get("anyOf", ()) if "type" in part]
-            plain += [self._values(part) for part in value.get("anyOf", ()) if "enum" in part]
-            return " or ".join([*plain, "tables" if value.get("type") == "array" else "table"])
+            return "tables" if value.get("type") == "array" else "table"
         if "enum" in value:
             return ", ".join(f"`{json.dumps(one)}`" for one in value["enum"])
         if value.get("type") == "array":
             return self._list(value)
-        kind = _TYPES[value["type"]] if "type" in value else "any"
-        return f"{kind} {_bounds(value)}".strip()
+        return _range(value) or (_TYPES[value["type"]] if "type" in value else "any")
 
     def _list(self, value: Table) -> str:
         inner = self._values(value["prefixItems"][0] if "prefixItems" in value else value.get("items", {}))
@@ -139,62 +126,25 @@ class _KeysPage:
         return f"list: {inner}" if not most and not least else f"list of {count}: {inner}"
 
     def _default(self, value: Table) -> str:
-        if "default" not in value:
-            return ""
-        default = value["default"]
-        if default is None:
-            return "absent"
-        if isinstance(default, dict) and not self._is_distribution(value):
-            return f"`{default['model']}`" if "model" in default else ""
+        default = value.get("default", {})
         if isinstance(default, dict):
             numbers = ", ".join(f"{k} = {json.dumps(v)}" for k, v in default.items())
-            return f"`{{ {numbers} }}`"
-        return f"`{json.dumps(default, ensure_ascii=False)}`"
+            return f"`{{ {numbers} }}`" if self._is_distribution(value) else ""  # a section has those of other tables
+        return "absent" if default is None else f"`{json.dumps(default, ensure_ascii=False)}`"
 
 
-def _bounds(value: Table) -> str:
-    low = value.get("minimum", value.get("exclusiveMinimum"))
-    high = value.get("maximum", value.get("exclusiveMaximum"))
-    above = "above " if "exclusiveMinimum" in value else ""
-    if low is None:
-        return "" if high is None else f"up to {_number(high)}"
-    if high is None:
-        return f"{above}{_number(low)}" if above else f"{_number(low)} or more"
-    return f"{above}{_number(low)} to {_number(high)}"
+def _parts(value: Table) -> list[Table]:
+    """Alternatives of a value."""
+    return [one for part in value["anyOf"] for one in _parts(part)] if "anyOf" in value else [value]
 
 
-def _number(value: float) -> str:
-    return f"{value:,.16g}"
+def _range(value: Table) -> str:
+    """Bounds of a number; empty where it has none."""
+    if "maximum" not in value:
+        return ""
+    low = f"above {value['exclusiveMinimum']:,.16g}" if "exclusiveMinimum" in value else f"{value['minimum']:,.16g}"
+    return f"{'integer ' * (value['type'] == 'integer')}{low} to {value['maximum']:,.16g}"
 
-
-def _cell(text: str) -> str:
-    return text.replace("|", r"\|")
-
-
-def help_page() -> str:
-    """Return the page of the ``--help`` of every command."""
-    lines = ["# Options of every command", "", "<!-- Written by python -m scripts.make_reference. -->", ""]
-    lines.append("The output of `--help` of each command. [Command reference](commands.md) has exit status and limits.")
-    lines += _helps("simgrab", cli, None)
-    return "\n".join(lines) + "\n"
-
-
-def _helps(name: str, command: click.Command, parent: click.Context | None) -> Iterator[str]:
-    context = click.Context(
-        command, info_name=name, parent=parent, terminal_width=_COLUMNS, max_content_width=_COLUMNS,
-        help_option_names=["-h", "--help"],
-    )  # fmt: skip
-    text = "\n".join(line.rstrip() for line in command.get_help(context).splitlines())
-    yield from ("", f"## {context.command_path}", "", "```text", re.sub(r"\n{3,}", "\n\n", text), "```")
-    if isinstance(command, click.Group):
-        for inner in command.list_commands(context):
-            found = command.get_command(context, inner)
-            assert found is not None
-            yield from _helps(inner, found, context)
-
-
-PAGES: dict[str, Callable[[], str]] = {"scene-keys.md": scene_keys, "help.md": help_page}
 
 if __name__ == "__main__":
-    for page, text in PAGES.items():
-        (DOCS / page).write_text(text(), encoding="utf-8")
+    PAGE.write_text(scene_keys(), encoding="utf-8")

@@ -26,7 +26,8 @@ def main(folder: Path) -> None:
     print("|---|" + "---|" * len(names))
     for finding in found:
         cells = " | ".join(cell(finding.summary, name)[0] for name in names)
-        print(f"| `{finding.summary.study.name}` ({axes(finding.summary.study)}) | {cells} |")
+        study = finding.summary.study
+        print(f"| `{study.name}`: {axes(study).removeprefix(f'{study.name} ')} | {cells} |")
     limits = [verdict for finding in everything for verdict in finding.verdicts]
     print(f"\n{sum(v.passed for v in limits)} of {len(limits)} limits are met")
 

@@ -21,12 +21,13 @@ Cargo = Literal["coal", "ore", "grain", "bauxite", "sulphur"]
 File = Annotated[str, Meta(min_length=1, max_length=4096)]
 Sha256 = Annotated[str, about("SHA-256 of the content; filled in when it is read.", pattern="^([0-9a-f]{64})?$")]
 
-# By suffix, longest first: what a key's name says of its unit.
-_UNITS = {
-    "pixels_per_mm": "px/mm", "deg_per_m": "°/m", "mbit_s": "Mbit/s", "m_min": "m/min", "m_s2": "m/s²", "mm_h": "mm/h",
-    "percent": "%", "stops": "stops", "m_s": "m/s", "rpm": "1/min", "deg": "°", "px": "px", "mm": "mm", "m2": "m²",
-    "m3": "m³", "hz": "Hz", "ms": "ms", "kg": "kg", "db": "dB", "ev": "stops", "m": "m", "s": "s", "e": "electrons",
+UNITS = {
+    "pixels_per_mm": "px/mm", "deg_per_m": "°/m", "mbit_s": "Mbit/s", "deg_s": "°/s", "m_min": "m/min", "m_s2": "m/s²",
+    "mm_h": "mm/h", "percent": "%", "stops": "stops", "m_s": "m/s", "rpm": "1/min", "ppm": "ppm", "deg": "°",
+    "px": "px", "mm": "mm", "m2": "m²", "m3": "m³", "hz": "Hz", "ms": "ms", "kg": "kg", "db": "dB", "ev": "stops",
+    "m": "m", "s": "s", "e": "electrons",
 }  # fmt: skip
+"""What the end of a key's name says of its unit, longest first."""
 
 
 def unit_of(key: str) -> str:
@@ -37,7 +38,7 @@ def unit_of(key: str) -> str:
     >>> unit_of("beta_deg"), unit_of("hoist_m_s2"), unit_of("wear")
     ('°', 'm/s²', '')
     """
-    return next((unit for suffix, unit in _UNITS.items() if f"_{key}".endswith(f"_{suffix}")), "")
+    return next((unit for suffix, unit in UNITS.items() if f"_{key}".endswith(f"_{suffix}")), "")
 
 
 class Strict(Checked, frozen=True):
