@@ -9,6 +9,7 @@ from test_cli import run
 
 from simgrab.cli import _lenses
 from simgrab.cli.new import GRABS, WEATHERS
+from simgrab.dataset import preview
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.scenario import Hold
@@ -78,6 +79,7 @@ def test_facts_become_keys_and_their_tolerances(grab, tmp_path):
     assert scene.swing.rope_length_m.support() == (9, 31)
     assert scene.camera.offset_m == (0.2, -0.5, -0.4)
     assert len(next(iter(scene.vary.values())).names) == 2 * len(WEATHERS)
+    assert preview.MOST_TILES / scene.clip.clip_frames == 8  # draws on the first sheet
     if grab in GRABS[1:]:
         assert scene.vary["grab.volume_m3"].support() == pytest.approx((8.1, 9.9))
     assert "--rate 25" in out
