@@ -78,7 +78,7 @@ def outcomes(tmp_path_factory, cache):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("exceeded", r"angle.overall.rmse_deg: [\d.]+ is outside of ≤ 0.01"),
+        ("exceeded", r"angle.overall.rmse_deg: [\d.]+ misses the limit ≤ 0.01"),
         ("misspelt_metric", "did you mean 'angle.overall.rmse_deg'"),
         ("misspelt_end", "uper"),
         ("never_judged", "nothing was measured"),
@@ -118,6 +118,6 @@ def test_frames_and_truth_are_kept_between_runs_and_the_documented_example_works
     told = outcomes_of(tmp_path, KEPT, cache)
     assert told.pop("test_it") == ""
     (exceeded,) = filter(None, told.values())  # the example's answer is constant
-    assert re.search(r"angle.overall.rmse_deg: [\d.]+ is outside of ≤ 0.8", exceeded)
+    assert re.search(r"angle.overall.rmse_deg: [\d.]+ misses the limit ≤ 0.8", exceeded)
     assert len(told) == 2
     assert made.stat().st_mtime_ns == before

@@ -98,5 +98,5 @@ def test_a_metric_fails_by_its_limit_and_by_the_baseline_alike():
     past = baseline.Baseline("s", "i", "0", (0,), {"x": recorded([1.0])})
     (verdict,) = verdicts.of_trial("x", Trial(Set(), {"rmse": 3.0}), {"rmse": Limit(upper=2.0)}, past, 1)
     assert verdict.status == "failed"
-    assert "outside of ≤ 2" in verdict.message
+    assert "misses the limit ≤ 2" in verdict.message
     assert "worse than the baseline's 1 on the same frames" in verdict.message

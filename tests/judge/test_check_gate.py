@@ -154,7 +154,7 @@ def test_without_a_baseline_limits_alone_are_held(place, tmp_path):
     free = check(place, small=suite.load(write(tmp_path, limits={}, scenes={"swing": plain})), baseline=None)
     assert free.notes[-1] == "swing: nothing is judged, because it has no limits"
     tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 0.001}}))
-    assert "outside of ≤ 0.001" in failed(check(place, small=tight, baseline=None))["angle.overall.rmse_deg"]
+    assert "misses the limit ≤ 0.001" in failed(check(place, small=tight, baseline=None))["angle.overall.rmse_deg"]
 
 
 def test_a_baseline_that_is_named_must_be_there(place, tmp_path):
@@ -176,7 +176,7 @@ def test_what_the_baseline_has_too_few_values_for_is_reported(place, tmp_path):
 def test_limits_that_a_constant_answer_meets_are_named(place):
     result = check(place)
     (note,) = result.notes
-    assert re.fullmatch(r"swing: warning: .* the same angle would pass angle.overall.rmse_deg ≤ 20 \(it has .*", note)
+    assert re.fullmatch(r"swing: warning: .* the same angle in every frame would pass: angle.overall.rmse_deg ≤ 20 \(by .*", note)
     found = result.scenes["swing"].trial
     true = np.array([row.alpha_deg for row in found.dataset.rows])
 
@@ -230,7 +230,7 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
     assert "1 of 16 frames have no angle: missed (<no grab>) in 1." in why
     assert re.search(r"the measured angle is (1\.[89]|2\.[012])\d° too large", why)
-    assert "the error arises after them, where the angle is computed" in why
+    assert "the error arises where this pipeline computes its angles" in why
     text = page.page(result)
     assert "2 of 3 checks failed" in text
     assert "missed (&lt;no grab&gt;)" in text
@@ -267,7 +267,7 @@ def test_an_instrument_that_misses_every_grab_has_no_recall(place, tmp_path):
     limits = {"detection.recall": {"lower": 0.5}}
     blind = Broken(lambda frames: [Measurement(status="missed", reason="dark") for _ in frames])
     problems = failed(check(place, blind, small=suite.load(write(tmp_path, limits=limits)), baseline=None))
-    assert "0 is outside of ≥ 0.5" in problems["detection.recall"]
+    assert "0 misses the limit ≥ 0.5" in problems["detection.recall"]
 
 
 class Broken:
@@ -461,7 +461,7 @@ def test_the_command_passes_and_writes_json_and_junit(shell, tmp_path):
     assert len(cases) == len(result["verdicts"])
     assert {c.get("classname") for c in cases} == {"simgrab.small", "simgrab.small.swing"}
     assert ElementTree.parse(tmp_path / "out" / "junit.xml").find(".//property").get("value") == "check.html"
-    assert "<h1>Check small: passed</h1>" in (tmp_path / "out" / "check.html").read_text()
+    assert "<h1>Suite “small”: passed</h1>" in (tmp_path / "out" / "check.html").read_text()
 
 
 def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypatch):

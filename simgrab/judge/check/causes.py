@@ -58,7 +58,7 @@ def causes(trial: Trial, failed: Sequence[str]) -> Iterator[str]:
     if fed is not None and budget.run.rmse_deg is not None and budget.run.rmse_deg > 2 * fed:
         yield (
             f"From the centres and rope lengths that this pipeline measured, simgrab's estimator {budget.estimator} "
-            f"computes angles with an RMSE of {fed:.2f}°: the error arises after them, where the angle is computed."
+            f"computes angles with an RMSE of {fed:.2f}°: the error arises where this pipeline computes its angles."
         )
     else:
         yield f"Largest contribution in the error budget: {budget.limit}."

@@ -189,8 +189,8 @@ def _scene(
         why = "because the baseline has too few values"
         notes.append(f"{name}: compared with limits only, {why}: {', '.join(blind)}")
     if met := lax(verdicts, limits):
-        passed = ", ".join(f"{v.what} {v.limit} (it has {v.constant:.4g})" for v in met)
-        notes.append(f"{name}: warning: an instrument that always answers the same angle would pass {passed}")
+        passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
+        notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
     if not (limits or frames):
         notes.append(f"{name}: nothing is judged, because it has no limits")
     for frame in frames if seed == suite.seed else ():

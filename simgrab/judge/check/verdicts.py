@@ -96,7 +96,7 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
         problems.append(_nothing(metric, metrics))
     else:
         if not limit.holds(value):
-            problems.append(f"{value:.4g} is outside of {limit}")
+            problems.append(f"{value:.4g} misses the limit {limit}")
         if past and not past.holds(value, limit):
             of = "on the same frames" if past.same_frames else "over other seeds"
             more = f"{round(past.allowed, 8):.2g}"  # a slack of 0 is 0, whatever rounding adds
