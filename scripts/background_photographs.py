@@ -29,7 +29,7 @@ from simgrab.io import pictures
 from simgrab.io.files import drafted_folder
 from simgrab.model.rng import stream
 
-CROPS, SIZE, QUALITY = 12, (640, 360), 88  # of each photograph; width and height, px; of the JPEG
+CROPS, SIZE, QUALITY = 3, (640, 360), 88  # of each photograph; width and height, px; of the JPEG
 COLLAGES = 900
 PATCHES = 6  # in a collage, at most
 REACH = (0.06, 0.4)  # of a patch from its middle, over the picture's height
