@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
 
 from simgrab.instrument.run import figures
-from simgrab.instrument.run.runs import Run, alarms
+from simgrab.instrument.run.runs import Run, alarms, reasons
 from simgrab.instrument.run.table import HEAD, beside_paper, held
 from simgrab.reports import html
 
@@ -31,9 +29,3 @@ def page(run: Run, stills: Mapping[int, bytes]) -> str:
         beside_paper=beside_paper(run),
         reasons=reasons(run),
     )
-
-
-def reasons(run: Run) -> list[tuple[str, str, int]]:
-    """Count statuses and reasons; numbers within a reason are left out, because they concern one frame."""
-    counted = Counter((m.status, re.sub(r"\d", "#", m.reason)) for m in run.measurements if m.status != "ok")
-    return [(*key, count) for key, count in counted.most_common(20)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -184,6 +185,12 @@ def alarms(events: Sequence[Event]) -> list[dict[str, Any]]:
         }
         for i, e in enumerate(events, 1)
     ]  # fmt: skip
+
+
+def reasons(run: Run) -> list[tuple[str, str, int]]:
+    """Count statuses and reasons; numbers within a reason are left out, because they concern one frame."""
+    counted = Counter((m.status, re.sub(r"\d", "#", m.reason)) for m in run.measurements if m.status != "ok")
+    return [(*key, count) for key, count in counted.most_common(20)]
 
 
 def _event(plain: dict[str, Any]) -> dict[str, Any]:

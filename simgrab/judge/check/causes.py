@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from simgrab.instrument.run.page import reasons
+from simgrab.instrument.run.runs import reasons
 from simgrab.judge.check.trial import Trial
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -49,7 +50,7 @@ class Outcome:
     notes: tuple[str, ...] = ()
     trial: Trial | None = None
 
-    @property
+    @cached_property
     def causes(self) -> str:
         """What the errors of a scene that failed consist of, in sentences."""
         failed = [verdict.what for verdict in self.verdicts if verdict.status == "failed"]
