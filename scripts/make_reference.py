@@ -115,6 +115,8 @@ class _KeysPage:
             return ", ".join(f"`{json.dumps(one)}`" for one in value["enum"])
         if value.get("type") == "array":
             return self._list(value)
+        if "additionalProperties" in value:
+            return f"{self._values(value['additionalProperties'])}, by name"
         return _range(value) or (_TYPES[value["type"]] if "type" in value else "any")
 
     def _list(self, value: Table) -> str:

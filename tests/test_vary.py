@@ -1,6 +1,7 @@
 """Factors: drawn by their laws, each from a stream of its own, and refused where they cannot be."""
 
 import json
+import re
 import tomllib
 
 import msgspec
@@ -55,6 +56,30 @@ def test_frames_of_a_clip_share_a_draw_and_the_next_has_another():
     scenario = varied(frames=12, clip_frames=4)
     beta = [variant(scenario, frame).scenario.camera.beta_deg for frame in range(12)]
     assert [beta[i] for i in (0, 4, 8)] == sorted(set(beta), key=beta.index)
+
+
+def test_a_table_may_be_drawn_less_often_than_each_clip():
+    often, seldom = varied(frames=48), varied(frames=48, every={"place": 12, "camera": 4})
+    drawn = [[variant(scenario, frame).drawn for frame in range(48)] for scenario in (often, seldom)]
+    for key, frames in (("place", 12), ("camera.beta_deg", 4)):
+        # Draw k of a level is draw k of a clip.
+        assert [one[key] for one in drawn[1]] == [drawn[0][2 * (frame // frames)][key] for frame in range(48)]
+    assert [variant(seldom, frame).draws.place for frame in (0, 11, 12, 47)] == [0, 0, 1, 3]
+    assert [variant(seldom, frame).number for frame in (0, 11, 12, 47)] == [0, 5, 6, 23]
+
+
+@pytest.mark.parametrize(
+    ("every", "message"),
+    [
+        ({"grab": 8}, "every.grab: nothing of this table varies; camera, place does"),
+        ({"place": 9}, "every.place: must be a multiple of clip.clip_frames (2), got 9"),
+        ({"place": 12, "camera": 8}, "every.place: must be a multiple of every.camera (8), got 12"),
+        ({"place": 0}, "every"),
+    ],
+)
+def test_levels_that_cannot_be_are_refused(every, message):
+    with pytest.raises(ScenarioError, match=re.escape(message)):
+        varied(every=every)
 
 
 def test_a_frame_alone_is_the_frame_of_the_whole():

@@ -78,7 +78,7 @@ def _plan(key: bytes, scenario: Scenario) -> Plan:
     if key not in _PLANS:
         if len(_PLANS) > 4:
             _PLANS.clear()
-        _PLANS[key] = draw_up(scenario, 0)
+        _PLANS[key] = draw_up(scenario)
     return _PLANS[key]
 
 

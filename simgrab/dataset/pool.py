@@ -136,7 +136,7 @@ def vet(recipe: Recipe, number: int = 0) -> Vetted:
     scenario = recipe.scenario
     span = scenario.span(number) if recipe.varies else range(scenario.frames)
     one, k = recipe.variant(span.start), scenario.camera.intrinsics
-    plan = draw_up(one.scenario, one.number)
+    plan = draw_up(one.scenario, one.draws)
     trajectory = Trajectory(one.scenario, recipe.extensions, plan)
     seen, kept = 0, dict[int, Projection]()
     for frame in span:  # all of them: each may be impossible

@@ -128,8 +128,8 @@ def render(
 class _Folder:
     """A dataset in a folder as an output of `pool.fill`: its units are frames, or clips where a video is made too.
 
-    Frames of one clip are made together where each clip has a world of its own. A cluster, whose machines need not
-    share a file system, sends frames here.
+    Frames that share a draw are made together where worlds vary. A cluster, whose machines need not share a file
+    system, sends frames here.
     """
 
     def __init__(self, recipe: Recipe, path: Path, videos: Clips | None, cluster: str | None) -> None:
@@ -165,11 +165,12 @@ class _Folder:
         return [scenario.span(clip) for clip in sorted(clips)]
 
     def _groups(self, missing: Sequence[int]) -> list[FrameNumbers]:
-        clip_of, varies = self._recipe.scenario.clip.of, self._recipe.varies
+        scenario, varies = self._recipe.scenario, self._recipe.varies
         most = MOST_FETCHED if self._cluster is not None else 1
 
         def group(frame: int) -> object:
-            return (clip_of(frame) if varies else 0), (frame // most if self._cluster or not varies else 0)
+            together = scenario.slowest_draw(scenario.clip.of(frame)) if varies else 0
+            return together, (frame // most if self._cluster or not varies else 0)
 
         return [tuple(frames) for _, frames in groupby(missing, key=group)]
 

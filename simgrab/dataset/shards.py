@@ -78,7 +78,7 @@ class Done(msgspec.Struct, frozen=True):
 def frames_of(scenario: Scenario, frames: int | None, *, varies: bool) -> int:
     """Frames of a shard: the requested number, but at most all frames.
 
-    They are rounded up to whole clips if each clip has its own world.
+    They are rounded up to whole clips where worlds vary, and to all frames that share a draw.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def frames_of(scenario: Scenario, frames: int | None, *, varies: bool) -> int:
     wanted = FRAMES if frames is None else frames
     if wanted < 1:
         raise DatasetError(f"a shard must have 1 frame or more, got {wanted}")
-    each = scenario.clip.clip_frames or scenario.frames if varies else 1
+    each = max(scenario.clip.clip_frames or scenario.frames, *scenario.every.values(), 0) if varies else 1
     return min(math.ceil(wanted / each) * each, scenario.frames)
 
 

@@ -46,10 +46,13 @@ def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
 
 
 def split(recipe: Recipe, frame: int) -> str:
-    """Draw a frame into train, val or test by the scenario's shares. Frames of one clip are alike and stay together."""
+    """Draw a frame into train, val or test by the scenario's shares.
+
+    Frames of one clip are alike, as are those that share any draw, and stay together.
+    """
     scenario = recipe.scenario
     independent = isinstance(scenario.swing, Iid) and not recipe.varies and recipe.extensions.trajectory is None
-    unit = frame if independent else scenario.clip.of(frame)
+    unit = frame if independent else scenario.slowest_draw(scenario.clip.of(frame))
     share = stream(scenario.seed, unit, "split").random()
     return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"
 

@@ -130,18 +130,16 @@ class FrameGenerator:
         self.projections, self._revised = {}, True
 
     def scene(self, frame: int) -> Scene:
-        """Build the world of a frame; it replaces another variant's world."""
-        if self._scene is not None and self._revised:
-            variant, extensions = self.recipe.variant(frame), self.recipe.extensions
-            revised = self._scene.revise(variant, extensions)
-            self._revised = False
-            if not revised:
-                before, self._scene = self._scene, None
-                before.close()
-                self._scene = Scene(variant, extensions, before.replanned(variant))
-        if self._scene is None or self._scene.variant.number != self.recipe.variant_number(frame):
-            self.close()  # before another is built, which may fail
+        """Return the world of a frame: the one of the frame before where it can stay, or in its place."""
+        if self._scene is None:
             self._scene = self._build(frame)
+        elif self._revised or self._scene.variant.number != self.recipe.variant_number(frame):
+            variant, extensions = self.recipe.variant(frame), self.recipe.extensions
+            if not self._scene.revise(variant, extensions):
+                before, self._scene = self._scene, None
+                before.close()  # before another is built, which may fail
+                self._scene = Scene(variant, extensions, before.replanned(variant))
+            self._revised = False
         return self._scene
 
     def _build(self, frame: int, plan: Plan | None = None) -> Scene:

@@ -42,7 +42,7 @@ class Scene:
 
     def __init__(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:
         self.variant, self.scenario = variant, variant.scenario
-        plan = plan or draw_up(self.scenario, variant.number)
+        plan = plan or draw_up(self.scenario, variant.draws)
         self.world = model.build(self.scenario, plan)
         self.renderer = Renderer(self.world, self.scenario)
         self.close: Callable[[], None] = self.renderer.close
@@ -71,7 +71,7 @@ class Scene:
             If the camera is impossible; the scene is then as before.
         """
         old, new = self.scenario, variant.scenario
-        plan = adapted(self.world.plan, old, new) if variant.number == self.variant.number else None
+        plan = adapted(self.world.plan, old, new) if variant.draws == self.variant.draws else None
         if plan is None:
             return False
         camera, trajectory = Camera(new), Trajectory(new, extensions, plan)
@@ -90,9 +90,9 @@ class Scene:
         ScenarioError
             If the camera would be in the jib's steel.
         """
-        alike = variant.number == self.variant.number
+        alike = variant.draws.place == self.variant.draws.place
         place = place_of(self.world.plan, self.scenario, variant.scenario) if alike else None
-        return draw_up(variant.scenario, variant.number, place)
+        return draw_up(variant.scenario, variant.draws, place)
 
     def project(self, frame: int) -> Projection:
         """Project a frame's moment."""

@@ -12,7 +12,7 @@ from simgrab.errors import ScenarioError
 from simgrab.lab.sensors.lidar import LidarDevice, extinction
 from simgrab.model import geometry
 from simgrab.model.rng import stream
-from simgrab.model.scenario import Lidar, Weather, variant
+from simgrab.model.scenario import Draws, Lidar, Weather, variant
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.model import NOTHING
@@ -84,7 +84,7 @@ def test_the_moment_that_is_scanned_is_the_frames():
 def scanned(distance=25.0, weather=None, **keys):
     """One scan of a wall that is as far away in every direction, with its truth."""
     sensor = Lidar(rings=60, columns=120, **CLEAN | keys)
-    device = LidarDevice(sensor, Setting(scene(weather), 0, lambda name: stream(1, 0, name)))
+    device = LidarDevice(sensor, Setting(scene(weather), Draws(), lambda name: stream(1, 0, name)))
     true = np.full(7200, distance)
     device.cast = lambda *_: (true, np.zeros(7200, int))
     return device._scan(None, 0)

@@ -9,6 +9,7 @@ import simgrab
 from simgrab.errors import ScenarioError
 from simgrab.world.camera.renderer import Renderer
 from simgrab.world.frames import FrameGenerator
+from simgrab.world.scenery import places
 
 START = {"place.model": "plain", "camera.width_px": 320, "camera.height_px": 180, "camera.focal.pixels_per_mm": 57.0,
          "image.shadow_map_px": 1024, "jib.head": "none"}  # fmt: skip
@@ -56,6 +57,27 @@ def test_a_revised_generator_makes_what_a_new_one_makes_and_keeps_its_context(ge
         assert generator.scene(1).renderer._buffer.context is context, change
         with FrameGenerator(wanted) as fresh:
             same(found, fresh.frame(1, full=True))
+
+
+def test_levels_of_variation_give_each_frame_alone_and_in_any_order(monkeypatch):
+    """Place every eight frames, grab every four, camera and sun every two."""
+    laws = {"place.fill": (0.1, 0.9), "grab.wear": (0, 1), "camera.beta_deg": (1, 5), "light.sun": (0, 1)}
+    vary = {key: {"dist": "uniform", "low": low, "high": high} for key, (low, high) in laws.items()}
+    small = {"camera.width_px": 200, "camera.height_px": 120, "camera.focal.pixels_per_mm": 38.0, "seed": 0,
+             "image.shadow_map_px": 1024, "frames": 16, "clip.clip_frames": 2, "vary": vary}  # fmt: skip
+    levels = simgrab.load("hold-coal", small | {"every": {"place": 8, "grab": 4}})
+    built, opened = [], []
+    build, start = places.build, Renderer.__init__
+    monkeypatch.setattr(places, "build", lambda *a, **k: built.append(1) or build(*a, **k))
+    monkeypatch.setattr(Renderer, "__init__", lambda self, *a, **k: opened.append(1) or start(self, *a, **k))
+    with FrameGenerator(levels) as generator:
+        ordered = [generator.frame(frame, full=True) for frame in range(16)]
+        assert (len(built), len(opened)) == (2, 4)
+        for frame in (11, 2, 15):
+            same(generator.frame(frame, full=True), ordered[frame])
+    with FrameGenerator(levels) as alone:
+        same(alone.frame(13, full=True), ordered[13])
+    assert len({frame.truth.beta_deg for frame in ordered}) == 8
 
 
 def test_a_photograph_is_shown_anew_for_each_camera_and_frame(tmp_path):

@@ -48,7 +48,7 @@ from simgrab.model.scenario.swing import (
     Turn,
     Wind,
 )
-from simgrab.model.scenario.vary import Variant, variant, variants
+from simgrab.model.scenario.vary import Draws, Variant, variant, variants
 from simgrab.model.scenario.weather import Weather
 from simgrab.model.scenario.whole import Scenario, merged, schema
 
@@ -73,6 +73,7 @@ __all__ = [
     "Cycles",
     "Display",
     "DoublePendulum",
+    "Draws",
     "Dynamic",
     "Factor",
     "FixedExposure",

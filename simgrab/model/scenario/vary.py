@@ -15,12 +15,19 @@ from simgrab.model.rng import stream
 from simgrab.model.scenario.factor import JOINT, OneOf, draw, trials
 from simgrab.model.scenario.whole import Scenario, merged
 
-FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "splits", "sensors", "vary")
+FIXED = ("name", "description", "seed", "frames", "image", "clip", "labels", "splits", "sensors", "vary", "every")
 _FIXED_WHY = "cannot vary: it must be the same for the whole dataset"
 
 
 MOST_TRIALS = 20_000
 """Of values, each of which is tried when a scene is read."""
+
+
+class Draws(msgspec.Struct, frozen=True):
+    """Numbers of what is random about the place, parked grabs included, and about the grab, among those of one seed."""
+
+    place: int = 0
+    grab: int = 0
 
 
 class Variant(msgspec.Struct, frozen=True):
@@ -29,16 +36,19 @@ class Variant(msgspec.Struct, frozen=True):
     Attributes
     ----------
     number : int
-        The clip's index, which also keys what is random about the place; 0 where nothing varies.
+        The clip's index; 0 where nothing varies.
     scenario : Scenario
         The scenario with every factor at its drawn value; nothing in it varies.
     drawn : dict
         By factor, what was drawn: a number, a value, or its name where the choice names its values.
+    draws : Draws
+        Keys of what is random beside the factors, such as stains.
     """
 
     number: int
     scenario: Scenario
     drawn: dict[str, Any]
+    draws: Draws = Draws()
 
     @property
     def varied(self) -> str:
@@ -69,7 +79,8 @@ def variant(
     drawn: dict[str, Any] = {}
     change: dict[str, Any] = {}
     for key in sorted(scenario.vary):  # a table before the keys in it
-        drawn[key], value = draw(scenario.vary[key], stream(scenario.seed, number, f"vary.{key}"))
+        shown = scenario.draw_of(number, *(part.partition(".")[0] for part in key.split(JOINT)))
+        drawn[key], value = draw(scenario.vary[key], stream(scenario.seed, shown, f"vary.{key}"))
         change |= _by_key(key, value)
     by = "vary"
     try:
@@ -82,7 +93,7 @@ def variant(
             drawn = {key: value for key, value in drawn.items() if key not in further} | further
     except ScenarioError as problem:
         raise ScenarioError(problem.key, f"{problem.problem} (drawn for clip {number} by {by})") from None
-    return Variant(number, made, drawn)
+    return Variant(number, made, drawn, Draws(scenario.draw_of(number, "place"), scenario.draw_of(number, "grab")))
 
 
 def _of_drawn_kinds(scenario: Scenario, change: dict[str, Any]) -> dict[str, Any]:
@@ -287,7 +298,7 @@ def _changed(scenario: Scenario, change: Mapping[str, Any]) -> Scenario:
     """Lay dotted keys over a scenario, which varies no more."""
     sections = {key.split(".")[0] for key in change}
     # Sections that do not change stay structs, which are not checked again: this is done for thousands of values.
-    data = msgspec.structs.asdict(scenario) | {"vary": {}}
+    data = msgspec.structs.asdict(scenario) | {"vary": {}, "every": {}}
     data |= {name: plain for name, plain in msgspec.to_builtins(scenario).items() if name in sections}
     for key in sorted(change):
         if key.split(".")[0] in FIXED:

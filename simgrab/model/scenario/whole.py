@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import timedelta
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -36,7 +37,7 @@ MOST_DAYS = 366
 """Of simulated motion in a dataset."""
 MOST_SENSORS = 32
 _WHERE_SET = (
-    ("", "suspension"), ("", "markers"), ("", "sensors"), ("display", "font"), ("labels", "yolo"),
+    ("", "suspension"), ("", "markers"), ("", "sensors"), ("", "every"), ("display", "font"), ("labels", "yolo"),
     ("optics", "sharpening"), ("optics", "white_balance"),
 )  # fmt: skip
 """Keys by table that are written, and digested, only where they are not as by default."""
@@ -47,11 +48,12 @@ class Scenario(Strict, frozen=True):
     """One scene, whole. Two scenarios with the same `digest` give the same dataset.
 
     ``vary`` draws keys anew for each clip: by dotted key, or by several joined with ``+``, a law or a choice. A key
-    that only some kinds of a table have is left out where another kind was drawn.
+    that only some kinds of a table have is left out where another kind was drawn. ``every`` says of tables how many
+    frames share a draw, where that is more than one clip: what is slow to build can be drawn less often.
 
     Some keys are written, and digested, only where they are not as by default: the first-level ones ``sensors``,
-    ``suspension`` and ``markers``, the display's font, the labels' ``yolo``, and the optics' sharpening and white
-    balance.
+    ``suspension``, ``markers`` and ``every``, the display's font, the labels' ``yolo``, and the optics' sharpening and
+    white balance.
     """
 
     name: Annotated[Name, about("Name of the scene; the default output folder is runs/NAME.")] = "custom"
@@ -81,6 +83,10 @@ class Scenario(Strict, frozen=True):
     vary: Annotated[
         dict[str, Factor], about("Keys that are drawn for each clip, each from a distribution or a choice.")
     ] = msgspec.field(default_factory=dict)
+    every: Annotated[
+        dict[str, Annotated[int, Meta(ge=1, le=10_000_000)]],
+        about("Frames that share a draw, by table: a multiple of clip.clip_frames, which is the default."),
+    ] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:  # noqa: D102
         if isinstance(self.swing, Iid):
@@ -109,6 +115,31 @@ class Scenario(Strict, frozen=True):
                     raise ScenarioError(f"vary.{key}", f"a file varies with its table: use [vary.{table}]")
         if self.vary and not self.clip.clip_frames:
             raise ScenarioError("clip.clip_frames", "vary draws new values for each clip: set clip.clip_frames")
+        self._check_every()
+
+    def _check_every(self) -> None:
+        drawn = {part.partition(".")[0] for key in self.vary for part in key.split(JOINT)}
+        for table, frames in self.every.items():
+            if table not in drawn:
+                known = ", ".join(sorted(drawn)) or "nothing"
+                raise ScenarioError(f"every.{table}", f"nothing of this table varies; {known} does")
+            if frames % self.clip.clip_frames:
+                clip = self.clip.clip_frames
+                raise ScenarioError(f"every.{table}", f"must be a multiple of clip.clip_frames ({clip}), got {frames}")
+        levels = sorted(self.every, key=self.every.__getitem__)
+        for fine, rough in pairwise(levels):  # else worlds of two splits would share a draw
+            if self.every[rough] % self.every[fine]:
+                own, other = self.every[rough], self.every[fine]
+                raise ScenarioError(f"every.{rough}", f"must be a multiple of every.{fine} ({other}), got {own}")
+
+    def draw_of(self, clip: int, *tables: str) -> int:
+        """Return which draw of tables that are drawn together a clip shows: clips share one for ``every`` frames."""
+        frames = max(self.every.get(table, 1) for table in tables)
+        return clip // max(frames // max(self.clip.clip_frames, 1), 1)
+
+    def slowest_draw(self, clip: int) -> int:
+        """Return which draw a clip shows of the table that is drawn least often: others of it are alike."""
+        return self.draw_of(clip, *self.every) if self.every else clip
 
     def _check_duration(self, swing: Dynamic) -> None:
         days = (self.frames / self.clip.frame_rate_hz + self.clip.count(self.frames) * swing.settle_s) / 86_400

@@ -12,7 +12,7 @@ import trimesh
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
-from simgrab.model.scenario import Dynamic, Hang, Scenario, Suspension
+from simgrab.model.scenario import Draws, Dynamic, Hang, Scenario, Suspension
 from simgrab.world.scenery import places
 from simgrab.world.scenery.clearance import HeightMap, check_camera
 from simgrab.world.scenery.grabs import design_of
@@ -26,6 +26,7 @@ from simgrab.world.scenery.parked import parked_grabs
 from simgrab.world.trajectory.hanging import hung
 from simgrab.world.trajectory.moment import GrabState, Moment
 
+FIRST = Draws()
 CLEARANCE_M = 0.3
 MOST_LIFTS = 20  # a shorter rope swings the grab over other ground
 GRAB_REACH_M, TRAVEL_M = 16.0, 48.0  # heights are known so far from O: with swing alone, and what the crane's moves add
@@ -127,15 +128,15 @@ class Plan:
             )
 
 
-def draw_up(scenario: Scenario, number: int = 0, place: Sequence[Part] | None = None) -> Plan:
+def draw_up(scenario: Scenario, draws: Draws = FIRST, place: Sequence[Part] | None = None) -> Plan:
     """Plan the world of a scenario.
 
     Parameters
     ----------
     scenario : Scenario
         Scenario in which nothing varies.
-    number : int
-        Number of the world among those of one seed; random details, such as stains, differ between worlds.
+    draws : Draws
+        Keys of random details, such as stains.
     place : sequence of Part, optional
         Place of another plan, if it is the same; see `place_of`.
 
@@ -149,18 +150,18 @@ def draw_up(scenario: Scenario, number: int = 0, place: Sequence[Part] | None = 
     ropes = Ropes.of(scenario.jib, len(grab.terminations))
     _check_camera(scenario, ropes)
     if place is None:
-        built = places.build(scenario.place, head_height=head_height, rng=stream(seed, number, "place"))
-        parked = stream(seed, number, "clutter.grabs")
+        built = places.build(scenario.place, head_height=head_height, rng=stream(seed, draws.place, "place"))
+        parked = stream(seed, draws.place, "clutter.grabs")
         place = built + parked_grabs(scenario.clutter, built, head_height=head_height, rng=parked)
 
-    mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, number, "grab"))
+    mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, draws.grab, "grab"))
     return Plan(
         grab,
         ropes,
         place,
         () if scenario.jib.head == "none" else jib.jib_parts(ropes),
         {body.name: mixed.on(body.parts) for body in grab.bodies},
-        grab.heaps(look.cargo, stream(seed, number, "cargo")),
+        grab.heaps(look.cargo, stream(seed, draws.grab, "cargo")),
         straight=scenario.camera.intrinsics.distortion.is_null,
         suspension=scenario.suspension,
         balls=[ball(balls, number) for number in range(len(balls.distances_m))] if balls else (),
@@ -170,7 +171,7 @@ def draw_up(scenario: Scenario, number: int = 0, place: Sequence[Part] | None = 
 
 
 def adapted(plan: Plan, old: Scenario, new: Scenario) -> Plan | None:
-    """Adapt a plan to another scenario of the same number; None if that needs other parts.
+    """Adapt a plan to another scenario of the same draws; None if that needs other parts.
 
     Raises
     ------
@@ -187,13 +188,13 @@ def adapted(plan: Plan, old: Scenario, new: Scenario) -> Plan | None:
 
 
 def place_of(plan: Plan, old: Scenario, new: Scenario) -> Sequence[Part] | None:
-    """Place of a plan, if another scenario of the same number has the same place; else None."""
+    """Place of a plan, if another scenario of the same draws has the same place; else None."""
     heights = old.jib.head_height_m, new.jib.head_height_m
     same = heights[0] == heights[1] and all(getattr(old, n) == getattr(new, n) for n in ("seed", "place", "clutter"))
     return plan.place if same else None
 
 
-_OF_PARTS = ("seed", "grab", "jib", "place", "clutter")
+_OF_PARTS = ("seed", "grab", "jib", "place", "clutter", "markers", "suspension")
 
 
 def _check_camera(scenario: Scenario, ropes: Ropes) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import Scenario
+from simgrab.model.scenario import Draws, Scenario
 from simgrab.world.sensors.errors import Open, SensorClock
 from simgrab.world.sensors.motion import Motion
 
@@ -26,8 +26,8 @@ class Setting:
     Attributes
     ----------
     scenario : Scenario
-    world : int
-        Number of the scenario's variant, which seeds the random details of the place.
+    world : Draws
+        Keys of the random details of the place.
     opened : callable
         Opens the sensor's streams.
     renders : bool
@@ -35,7 +35,7 @@ class Setting:
     """
 
     scenario: Scenario
-    world: int
+    world: Draws
     opened: Open
     renders: bool = False
 

@@ -123,7 +123,7 @@ def devices_of(variant: Variant, clip: int, *, renders: bool = False) -> dict[st
     """Set up the sensors of one clip, by name; with ``renders`` cameras render their pictures. Close them."""
     scenario, devices = variant.scenario, {}
     for name, sensor in scenario.sensors.items():
-        setting = Setting(scenario, variant.number, streams(scenario.seed, clip, name), renders)
+        setting = Setting(scenario, variant.draws, streams(scenario.seed, clip, name), renders)
         kind = str(sensor.__struct_config__.tag)
         devices[name] = implementation(DEVICES[kind], f"sensors.{name}.model")(sensor, setting)
     return devices
