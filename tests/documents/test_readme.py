@@ -80,7 +80,7 @@ def test_the_table_names_every_command():
 
 def test_scene_files_and_suites_read():
     found = [*blocks("toml"), *blocks("toml", TEXTS["writing-scenes.md"])]
-    assert len(found) == 7
+    assert len(found) == 8
     for block in found:
         data = tomllib.loads(block)
         if "scenes" in data:

@@ -225,7 +225,7 @@ def expected_keys(definitions, table, path):
     for key, node in definitions[table]["properties"].items():
         parts = [part["$ref"].rsplit("/", 1)[1] for part in node.get("anyOf", [node]) if "$ref" in part]
         plain = [part for part in node.get("anyOf", ()) if "$ref" not in part and part.get("type") != "null"]
-        if key in ("model", "dist", "base", "sensors", "vary") or (parts and plain):
+        if key in ("model", "dist", "base", "sensors", "vary", "every") or (parts and plain):
             continue
         if parts:
             for part in parts:
@@ -271,6 +271,13 @@ def test_sensors_and_what_varies_are_added_and_removed(shown, folder):
     )
     after = scene(shown)
     assert list(after.vary) == ["weather.wetness"]
+    act_and_wait(
+        shown,
+        """const name = document.querySelector("[aria-label=\\"Name of a new entry of every\\"]"); name.value = "weather";
+      name.parentElement.querySelector("button").click(); put(part("every.weather", "input[type=number]"), 6);""",
+    )
+    assert scene(shown).every == {"weather": 6}
+    act_and_wait(shown, 'document.querySelector("[aria-label=\\"Remove every.weather\\"]").click();')
     act_and_wait(shown, 'document.querySelector("[aria-label=\\"Remove vary.weather.wetness\\"]").click();')
     act_and_wait(shown, 'document.querySelector("[aria-label=\\"Remove sensors.imu0\\"]").click();')
     left = scene(shown)

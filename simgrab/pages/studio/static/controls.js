@@ -284,7 +284,7 @@ const BODIES = {
   entries: (form, node, path, value) => {
     const each = resolved(node.additionalProperties);
     const parts = Object.keys(value).map((key) => {
-      const one = group(form, { ...each, description: "" }, [...path, key], undefined);
+      const one = control(form, { ...each, description: "" }, [...path, key]);
       one.element.append(button("Remove", () => {
         const { [key]: gone, ...left } = form.value(path);
         form.set(path, left, true);
@@ -295,14 +295,16 @@ const BODIES = {
   },
 };
 
-/** Adds an entry of a table with free names. */
+/** Adds an entry of a table with free names: a table of a kind, or a plain value. */
 const adding = (form, each, path) => {
-  const [, tables] = kinds(each);
+  const tags = kindOf(each) === "kinds" ? Object.keys(kinds(each)[1]) : [];
   const name = make("input", { type: "text", placeholder: "name", "aria-label": `Name of a new entry of ${path.join(".")}` });
-  const kind = picked(`Kind of a new entry of ${path.join(".")}`, Object.keys(tables), "", () => {});
+  const kind = tags.length ? picked(`Kind of a new entry of ${path.join(".")}`, tags, "", () => {}) : null;
   const act = () => {
-    const key = name.value.trim() || kind.value;
-    if (form.value(path)[key] === undefined) form.set(path, { ...form.value(path), [key]: freshKind(each, kind.value) }, true);
+    const key = name.value.trim() || kind?.value;
+    if (key && form.value(path)[key] === undefined) {
+      form.set(path, { ...form.value(path), [key]: kind ? freshKind(each, kind.value) : fresh(each) }, true);
+    }
     name.value = "";
   };
   return still(make("div", { class: "adding" }, name, kind, button("Add", act, { class: "add", "aria-label": `Add to ${path.join(".")}` })));
