@@ -5,16 +5,19 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL, cluster_option
-from simgrab.cli._progress import drawing
+from simgrab.cli._progress import Counts, drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
 from simgrab.io.stores import is_url
 from simgrab.text import printable
+
+if TYPE_CHECKING:
+    from simgrab.world.extensions import Recipe
 
 _LABELS = {"fingerprint": "renderer SHA-256"}
 
@@ -87,6 +90,8 @@ def command(
     places = [path for path in (out, video) if path is not None]
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
         if out is not None:
+            if not (quiet or as_json or cluster or video):
+                progress = _priced(progress, recipe, workers)
             summary = render(
                 scenario, out, video=video, workers=workers, cluster=cluster, shard_frames=shard_frames,
                 resume=resume, progress=progress, checking=checking, **functions,
@@ -113,6 +118,22 @@ def command(
             click.echo(printable(f"preview: {out}/preview.jpg; labels: {out}/{labels}"))
         if video is not None:
             click.echo(printable(f"the truth table of each video of {video} is beside it, as .parquet"))
+
+
+def _priced(progress: Counts, recipe: Recipe, workers: int) -> Counts:
+    """Print, before the first frame of many is made, what they will take."""
+    from simgrab.dataset import price
+
+    begun = False
+
+    def counted(done: int, total: int | None) -> None:
+        nonlocal begun
+        if not begun and total is not None and total - done >= price.FEW:
+            click.echo(f"{price.measured(recipe, total - done, workers)}; Ctrl-C stops, --resume goes on", err=True)
+        begun = True
+        progress(done, total)
+
+    return counted
 
 
 def _text(value: object) -> str:

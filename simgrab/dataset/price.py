@@ -1,0 +1,109 @@
+"""Estimate what a dataset takes, from a few of its frames made on this machine before it is rendered."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from itertools import pairwise
+
+import msgspec
+from rich.filesize import decimal
+
+from simgrab.dataset import stored
+from simgrab.model.scenario import Scenario
+from simgrab.runtime import machine
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
+
+FEW = 200
+"""Frames from which an estimate pays: it takes about as long as ten of them."""
+_PLACES = 3  # of the dataset, at which frames are made
+_LONGEST_S = 15.0  # after which no other place is tried
+
+
+@dataclass(frozen=True)
+class Price:
+    """What rendering takes.
+
+    Attributes
+    ----------
+    frames, worlds : int
+        Worlds are the draws of what varies most seldom.
+    seconds : float
+    size : int
+        Bytes on the disk.
+    """
+
+    frames: int
+    worlds: int
+    seconds: float
+    size: int
+
+    def __str__(self) -> str:
+        worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
+        return f"{self.frames} frames{worlds}: about {_duration(self.seconds)} and {decimal(self.size)}"
+
+
+def measured(recipe: Recipe, frames: int, workers: int) -> Price:
+    """Estimate the price of the dataset's last ``frames`` frames, as rendered by this number of processes.
+
+    A frame that begins a draw of what varies takes longer than the next. At a few places of the dataset a frame of each
+    kind is made, in one process; several share the cores, so they take at least the cores' time for it all.
+
+    Raises
+    ------
+    ScenarioError, RendererError, ExtensionError
+        If a frame is impossible.
+    """
+    scenario = recipe.scenario
+    periods = _periods(recipe)
+    counts = _counts(periods, frames)
+    walls, cores, sizes = ([list[float]() for _ in counts] for _ in range(3))
+    begun = time.perf_counter()
+    groups = math.ceil(scenario.frames / periods[0])
+    with FrameGenerator(recipe) as generator:
+        for place in sorted({groups * n // _PLACES for n in range(_PLACES)}):
+            for kind, frame in _samples(periods, place * periods[0], scenario.frames):
+                wall, core = time.perf_counter(), time.process_time()
+                made = stored.make(generator, frame)
+                walls[kind].append(time.perf_counter() - wall)
+                cores[kind].append(time.process_time() - core)
+                sizes[kind].append(sum(map(len, made.files.values())) + len(msgspec.json.encode(made.record)))
+            if time.perf_counter() - begun > _LONGEST_S:
+                break
+
+    def total(each: list[list[float]]) -> float:
+        return sum(count * sum(some) / len(some) for count, some in zip(counts, each, strict=True) if some)
+
+    seconds = max(total(walls) / workers, total(cores) / machine.cores())
+    return Price(frames, math.ceil(frames / periods[0]) if recipe.varies else 1, seconds, round(total(sizes)))
+
+
+def _periods(recipe: Recipe) -> list[int]:
+    """After how many frames something is drawn anew, the longest first; 1 is of every frame."""
+    scenario: Scenario = recipe.scenario
+    if not recipe.varies:
+        return [scenario.frames, 1]
+    return sorted({scenario.clip.clip_frames or scenario.frames, *scenario.every.values(), 1}, reverse=True)
+
+
+def _counts(periods: list[int], frames: int) -> list[int]:
+    """Frames that begin each period and no longer one."""
+    begun = [0, *(math.ceil(frames / period) for period in periods)]
+    return [more - fewer for fewer, more in pairwise(begun)]
+
+
+def _samples(periods: list[int], first: int, frames: int) -> list[tuple[int, int]]:
+    """Kinds and numbers of the frames to make from a place on: the beginning of each period, and some of the others."""
+    last = len(periods) - 1
+    others = [(last, first + n) for n in (1, 2) if last and n < periods[last - 1]]
+    begin = [(kind, first + periods[kind]) for kind in range(last - 1, 0, -1)]
+    return [(kind, frame) for kind, frame in [(0, first), *others, *begin] if frame < frames]
+
+
+def _duration(seconds: float) -> str:
+    for unit, length in (("days", 86_400), ("hours", 3_600), ("minutes", 60)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.{int(seconds < 10 * length)}f} {unit}"
+    return f"{seconds:.0f} seconds"

@@ -1,0 +1,54 @@
+"""The price of a dataset, printed before it is rendered."""
+
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+
+import simgrab
+from simgrab.cli import cli
+from simgrab.dataset import price
+from simgrab.world.extensions import Recipe
+
+COSTS = {64: 7.0, 16: 3.0, 8: 1.0, 1: 0.25}  # s, of a frame that begins so many
+
+
+def begins(frame):
+    return next(period for period in COSTS if frame % period == 0)
+
+
+@pytest.mark.parametrize(("workers", "cores", "share"), [(1, 4, 1), (2, 4, 1 / 2), (4, 2, 1 / 2)])
+def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monkeypatch, workers, cores, share):
+    clock = SimpleNamespace(now=0.0)
+
+    def make(_generator, frame):
+        clock.now += COSTS[begins(frame)]
+        return SimpleNamespace(files={"a.jpg": bytes(1000 * begins(frame))}, record=None)
+
+    monkeypatch.setattr(price.stored, "make", make)
+    monkeypatch.setattr(price, "time", SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.now))
+    monkeypatch.setattr(price.machine, "cores", lambda: cores)
+    scene = simgrab.load("training", {"frames": 1000, "every": {"place": 64, "grab": 16}})
+    for frames in (1000, 777):
+        found = price.measured(Recipe(scene), frames, workers)
+        assert found.seconds == pytest.approx(share * sum(COSTS[begins(frame)] for frame in range(frames)))
+        assert found.size == sum(1000 * begins(frame) + len(b"null") for frame in range(frames))
+        assert found.worlds == -(-frames // 64)
+    clock.now = 0.0
+    same = simgrab.load("quay-day", {"frames": 1000})
+    assert price.measured(Recipe(same), 1000, 1).worlds == 1
+
+
+def test_many_frames_are_priced_before_the_first_and_few_are_not(monkeypatch, tmp_path):
+    monkeypatch.setattr(price, "FEW", 3)
+    size = ["render", "quay-day", "--size", "96x64"]
+    many = CliRunner().invoke(cli, [*size, "--frames", "3", "--out", str(tmp_path / "many")])
+    assert "3 frames: about " in many.output
+    few = CliRunner().invoke(cli, [*size, "--frames", "2", "--out", str(tmp_path / "few")])
+    assert (many.exit_code, few.exit_code) == (0, 0)
+    assert "about" not in few.output
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(44, "44 seconds"), (150, "2.5 minutes"), (46_800, "13 hours")])
+def test_times_are_given_to_two_digits(seconds, text):
+    assert text in str(price.Price(10, 1, seconds, 10))
