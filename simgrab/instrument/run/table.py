@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.instrument.estimate import PaperIteration
+from simgrab.instrument.estimate import PaperIteration, RopeAware
 from simgrab.instrument.run.runs import Run
 from simgrab.model.geometry import Array
 
@@ -90,9 +90,10 @@ def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, s
     if not timed:
         return [("95 % intervals by", "frames")]
     few = next((i["note"] for i in estimate["intervals"] if i["kind"] == "blocks"), "")
-    return [
-        ("95 % intervals by", "frames; too narrow, because frames are not independent" + (f" ({few})" if few else ""))
-    ]
+    if few and estimate["estimator"] == RopeAware.name:
+        few += "; --estimator pendulum-smoother is better on so short a record"
+    why = f" ({few})" if few else ""
+    return [("95 % intervals by", f"frames; too narrow, because frames are not independent{why}")]
 
 
 def _number(value: Any) -> str:
