@@ -37,7 +37,7 @@ PYTHON = {
     ],
     "Measurement": [
         "detect", "instrument.detect.pictures.Detections", "run", "instrument.run.runs.Run",
-        "estimate", "Estimate", "instrument.contract.Measurement",
+        "estimate", "Estimate", "Intervals", "instrument.contract.Measurement",
         "model.calibration", "model.layouts",
     ],
     "Evaluation": ["evaluate", "judge.evaluate.values.Evaluation", "check", "judge.check.report.Report", "stress"],

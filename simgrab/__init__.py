@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from simgrab.model import layouts as layouts
     from simgrab.model import scenes as scenes
     from simgrab.model.records.estimates import Estimate as Estimate
+    from simgrab.model.records.estimates import Intervals as Intervals
     from simgrab.model.scenes import load as load
     from simgrab.world.frames import FrameDataset as FrameDataset
     from simgrab.world.frames import frames as frames
@@ -64,6 +65,7 @@ _HOME = {
     "evaluate": "simgrab.judge.evaluate.evaluation",
     "stress": "simgrab.lab.stress.laboratory",
     "Estimate": "simgrab.model.records.estimates",
+    "Intervals": "simgrab.model.records.estimates",
 }
 _MODULES = ("calibration", "layouts", "scenes")
 __all__ = ["__version__", *_HOME, *_MODULES]

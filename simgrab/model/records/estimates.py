@@ -38,9 +38,9 @@ class Intervals:
 
     kind: str
     level: float
-    beta: Array | None
-    sigma: Array | None
-    alpha: Array | None
+    beta: Array | None = None
+    sigma: Array | None = None
+    alpha: Array | None = None
     blocks: int | None = None
     note: str = ""
     tilt: Array | None = None
@@ -75,7 +75,8 @@ class Estimate:
     alpha : ndarray, shape (n,), or None
         Swing of each frame, NaN where the frame is missing; None when refused.
     offset : ndarray, shape (3,), or None
-        Camera centre minus rope exit, m, where it was estimated.
+        Camera centre minus rope exit, m, that the estimate takes into account: one that was estimated, or the camera
+        file's. If None, a study takes it to be zero for α at a true 10°.
     intervals : tuple of Intervals
         One for each way of counting.
     diagnostics : mapping
