@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 # Pictures in pixels, and by the lens's focal length in mm the horizontal and vertical field of view in degrees, from a
 # public transcription of the makers' data sheets (October 2026), which was not compared with the sheets themselves.
@@ -40,6 +40,8 @@ SENSORS: Mapping[str, tuple[str, float, int, int]] = {
 }
 BARREL = 0.84
 """Median of the barrel distortion of the lenses in `CAMERAS`."""
+BARRELS = (BARREL, 0.6, 0.4, 0.2)
+"""Distortions to assume, the first of which fits: short lenses on large sensors have less."""
 MOST_BARREL = 1.2
 
 
@@ -129,6 +131,25 @@ def brown(width_px: int, height_px: int, f_px: float, c: float) -> tuple[float, 
         raise ValueError(_TOO_WIDE)
     k1, k2, k3 = (round(float(k), 6) for k in solved.x[:3])
     return k1, k2, k3
+
+
+def first_fitting(
+    width_px: int, height_px: int, barrels: Sequence[float], focal: Callable[[float], float]
+) -> tuple[float, float, tuple[float, float, float]]:
+    """Return the first barrel distortion that a scene can have, the focal length in px that goes with it, and `brown`.
+
+    Raises
+    ------
+    ValueError
+        If the lens is too wide with any.
+    """
+    for c in barrels:
+        try:
+            return c, focal(c), brown(width_px, height_px, focal(c), c)
+        except ValueError:
+            if c == barrels[-1]:
+                raise
+    raise ValueError(_TOO_WIDE)
 
 
 _TOO_WIDE = "the lens is too wide for the scene's model of distortion: choose a longer lens or a narrower field of view"

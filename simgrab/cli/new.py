@@ -27,6 +27,10 @@ WEATHERS: Mapping[str, tuple[float, float, Mapping[str, float]]] = {
     "snow": (0.0, 0.75, {"snow_mm_h": 0.6, "snow_cover": 0.25}),
     "dust": (0.8, 0.85, {"dust_thickness": 1.8, "dust_radius_m": 2.5, "lens_dirt": 0.03}),
 }
+PAINTS = {
+    "orange": [0.86, 0.52, 0.07], "yellow": [0.88, 0.72, 0.10], "red": [0.62, 0.12, 0.09], "blue": [0.10, 0.26, 0.55],
+    "green": [0.12, 0.38, 0.20], "grey": [0.45, 0.46, 0.47], "black": [0.12, 0.12, 0.13], "white": [0.82, 0.82, 0.80],
+}  # fmt: skip
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S = 75
 # By option: the question, and what stands for an answer.
@@ -37,12 +41,13 @@ ASKED = {
     "sensor": ("format of the sensor, such as 1/2.8, or its name, such as IMX335", "1/2.8"),
     "lens": ("focal length of the lens, mm (with --camera: its longest)", "4"),
     "rate": ("pictures a second", "25"),
-    "offset": ("camera from the rope exit: outboard, sideways, up, m", "0,0.6,-0.3"),
+    "offset": ("camera from the rope exit: to the picture's top (outboard), to its left, up, m", "0,0.6,-0.3"),
     "tilt": ("tilt of the camera from the vertical, degrees", "3"),
     "height": ("height of the jib head above the quay, m", "28"),
     "ropes": ("shortest and longest rope, m", "8..22"),
     "grab": (f"{', '.join(GRABS)}, or the file of a 3-D model", "four-rope"),
     "volume": ("volume of the grab, m³", "6"),
+    "paint": (f"paint of the grab: {', '.join(PAINTS)}", "orange"),
     "mount": ("levelled (hangs by gravity), rigid (pitches with the jib) or fixed", "levelled"),
     "light": ("day, night, or both", "day"),
     "weather": (f"one or more of {', '.join(WEATHERS)}", "clear"),
@@ -79,8 +84,10 @@ def command(file: Path, yes: bool, **given: str | None) -> None:
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
         scenes.load(draft)
+    mesh = 'model = "mesh"' in text
     for line in (
         *(f"assumed: {line}" for line in answers.assumed),
+        *([f"first: simgrab grab check {file} shows whether the 3-D model's size and axes are right"] if mesh else ()),
         f"next: simgrab render {file}; [vary] draws again after each clip.clip_frames frames",
     ):
         click.echo(printable(line))
@@ -170,7 +177,7 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
     wide, high, lenses = _lenses.CAMERAS.get(camera, (1920, 1080, {}))
     width, height = map(int, answers.get("size", _numbers(64, 4096, 2), f"{wide}x{high}"))
     given = fov = answers.get("fov", _fov) if "fov" in answers or not camera else ()
-    c, name, f_px = _lenses.BARREL, camera or "as given", 0.0
+    name, f_px = camera or "as given", 0.0
     if given:
         wide, high = width, height
     elif camera:
@@ -183,19 +190,19 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
         size, pitch_um, wide, high = _lenses.SENSORS[sensor]
         (mm,) = answers.get("lens", _numbers(0.5, 100))
         name, f_px = f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um
+    scale = max(width / wide, height / high)  # a picture of another shape is a part of the whole
     try:
-        if len(fov) == 2:
-            c = _lenses.barrel(wide, high, *fov)
-        f_px = _lenses.focal_px(wide, fov[0], c) if fov else f_px
-        f_px *= max(width / wide, height / high)  # a picture of another shape is a part of the whole
-        across = _lenses.across_deg(width, f_px, c)
-        name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
-        distortion = _lenses.brown(width, height, f_px, c)
+        barrels = [_lenses.barrel(wide, high, *fov)] if len(fov) == 2 else _lenses.BARRELS
+        c, f, distortion = _lenses.first_fitting(
+            width, height, barrels, lambda c: scale * (_lenses.focal_px(wide, fov[0], c) if fov else f_px)
+        )
     except ValueError as problem:
-        raise _refusal("fov" if given else "lens", str(problem)) from None
+        raise _refusal("fov" if given else "lens", f"{problem}{'' if given else '; or give --fov'}") from None
+    across = _lenses.across_deg(width, f, c)
+    name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
     if len(fov) < 2:
         answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses")
-    return name, width, height, f_px, distortion
+    return name, width, height, f, distortion
 
 
 def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
@@ -207,13 +214,21 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
         return text.lower() if text.lower() in GRABS else text
 
     grab = answers.get("grab", read)
+    known = grab in GRABS
+    paint = ""
+    if known or "paint" in answers:
+        (colour,) = answers.get("paint", _one_of(*PAINTS))
+        paint = f"\npaint_rgb = {PAINTS[colour]} # {colour}"
     if grab in GRABS[1:]:
         (volume,) = answers.get("volume", _numbers(3, 20))
-        return f'model = "{grab}"\nvolume_m3 = {volume:g}', volume
+        return f'model = "{grab}"\nvolume_m3 = {volume:g}{paint}', volume
     if "volume" in answers:
         raise _refusal("volume", f"{grab} has a size of its own; leave it out, or give --grab {' or '.join(GRABS[1:])}")
     path = json.dumps(os.path.relpath(grab, file.parent), ensure_ascii=False)
-    return f'model = "{grab}"' if grab in GRABS else f'model = "mesh"\nfile = {path} # see: simgrab grab check', 0.0
+    if known:
+        return f'model = "{grab}"{paint}', 0.0
+    finish = f'\nfinish = "paint"{paint}' if paint else ""
+    return f'model = "mesh"\nfile = {path} # see: simgrab grab check{finish}', 0.0
 
 
 def _table(keys: Mapping[str, float]) -> str:

@@ -8,7 +8,7 @@ import trimesh
 from test_cli import run
 
 from simgrab.cli import _lenses
-from simgrab.cli.new import GRABS, WEATHERS
+from simgrab.cli.new import GRABS, PAINTS, WEATHERS
 from simgrab.dataset import preview
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
@@ -63,6 +63,9 @@ def test_of_sensor_and_lens_the_focal_length_is_their_ratio(tmp_path):
         scene, out = new(path, "--sensor", sensor, "--lens", 4, "--size", size)
         assert scene.camera.focal.focal_length_px == pytest.approx(f_px, abs=0.05)
         assert "usual distortion" in out
+    # A short lens on a larger sensor, whose usual distortion no scene can have, gets less of it.
+    scene, _ = new(tmp_path / "short.toml", "--sensor", "1/3", "--lens", 2.8)
+    assert scene.camera.focal.focal_length_px == pytest.approx(1000)
 
 
 @pytest.mark.parametrize("grab", [*GRABS, "drum.glb"])
@@ -72,9 +75,11 @@ def test_facts_become_keys_and_their_tolerances(grab, tmp_path):
     given = ["--grab", grab if grab in GRABS else tmp_path / grab]
     if grab in GRABS[1:]:
         given += ["--volume", 9]
+    given += ["--paint", "blue"]
     given += ["--light", "both", "--weather", ",".join(WEATHERS), "--ropes", "9..31", "--offset", "0.2,-0.5,-0.4"]
     scene, out = new(tmp_path / "p" / "Our port.toml", *given)
     assert scene.name == "our-port"
+    assert scene.grab.paint_rgb == tuple(PAINTS["blue"])
     assert isinstance(scene.place, Hold)  # the ropes reach below the quay
     assert scene.swing.rope_length_m.support() == (9, 31)
     assert scene.camera.offset_m == (0.2, -0.5, -0.4)
@@ -102,6 +107,7 @@ def test_a_working_crane_moves_within_its_ropes(tmp_path):
         (["--fov", "84x80"], "43° to 54°"),
         (["--ropes", "22..8"], "above the first"),
         (["--grab", "crab"], "orange-peel"),
+        (["--paint", "pink"], "orange, yellow"),
         (["--volume", 5], "clamshell"),
         (["--weather", "hail"], "dust"),
         (["--size", "64x64", "--fov", 60], "focal_length_px"),

@@ -469,7 +469,7 @@ def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypat
     monkeypatch.setattr(click, "echo", lambda line, err=False: said.append(line) if err else echo(line))
     record = ("--update-baseline", "--seeds", "1", "--baseline", tmp_path / "new", "--quiet")
     assert shell("--instrument", "pipelines:sound", *record) == (0, "")
-    assert said == [f"recorded over 1 seeds in {tmp_path / 'new'}"]
+    assert said == [f"recorded over 1 seed in {tmp_path / 'new'}"]
 
 
 def test_the_command_fails_with_status_1(shell, tmp_path):

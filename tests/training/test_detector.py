@@ -216,6 +216,7 @@ def test_the_trained_detector_runs_and_is_scored(trained, halves, tmp_path):
     )
     assert result.exit_code == 0, result.output
     assert "of 6 images" in result.output
+    assert "labels: " in result.output
     assert len((tmp_path / "found.csv").read_text().splitlines()) == 7
     scores = score_detector.measure((halves,), str(trained.folder), "val")
     score_detector.show(scores)

@@ -11,7 +11,7 @@ from simgrab.instrument.run.runs import reasons
 from simgrab.judge.check.trial import Trial
 
 
-def causes(trial: Trial, failed: Sequence[str]) -> Iterator[str]:
+def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> Iterator[str]:
     """State in sentences what the errors of a scene consist of; nothing where the instrument failed.
 
     Parameters
@@ -19,6 +19,8 @@ def causes(trial: Trial, failed: Sequence[str]) -> Iterator[str]:
     trial : Trial
     failed : sequence of str
         Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did.
+    compared : bool
+        Whether one of them is only worse than its baseline.
     """
     if trial.run is None or trial.known is None or trial.evaluation is None:
         return
@@ -56,9 +58,13 @@ def causes(trial: Trial, failed: Sequence[str]) -> Iterator[str]:
         return
     fed = budget.chain[-1].rmse_deg  # estimated from the run's own centres and lengths
     if fed is not None and budget.run.rmse_deg is not None and budget.run.rmse_deg > 2 * fed:
+        read = any(m.rope_length_m is not None for m in run.measurements)
+        inputs = "From the centres and rope lengths that this pipeline measured"
         yield (
-            f"From the centres and rope lengths that this pipeline measured, simgrab's estimator {budget.estimator} "
+            f"{inputs if read else 'From its centres and the true lengths'}, simgrab's estimator {budget.estimator} "
             f"computes angles with an RMSE of {fed:.2f}°: the error arises where this pipeline computes its angles."
         )
     else:
         yield f"Largest contribution in the error budget: {budget.limit}."
+        if compared:
+            yield "That is of the whole error; what grew since the baseline may be another."

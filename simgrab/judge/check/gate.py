@@ -140,7 +140,7 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
         verdicts = tuple(of_trial(name, found[0], suite.limits_of(name), None, 1))
         scenes[name] = Outcome(verdicts, found[0].metrics, time.perf_counter() - begun, trial=found[0])
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
-    notes = (f"recorded over {len(several)} seeds in {printable(folder)}",)
+    notes = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
     return Report(suite.name, instrument.name, suite.seed, (), notes, scenes)
 
 

@@ -53,8 +53,11 @@ class Outcome:
     @cached_property
     def causes(self) -> str:
         """What the errors of a scene that failed consist of, in sentences."""
-        failed = [verdict.what for verdict in self.verdicts if verdict.status == "failed"]
-        return " ".join(causes(self.trial, failed)) if self.trial and failed else ""
+        failed = [verdict for verdict in self.verdicts if verdict.status == "failed"]
+        compared = any(verdict.reference is not None for verdict in failed)
+        return (
+            " ".join(causes(self.trial, [v.what for v in failed], compared=compared)) if self.trial and failed else ""
+        )
 
 
 @dataclass(frozen=True, eq=False)

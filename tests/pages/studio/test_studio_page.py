@@ -273,8 +273,10 @@ def test_sensors_and_what_varies_are_added_and_removed(shown, folder):
     assert list(after.vary) == ["weather.wetness"]
     act_and_wait(
         shown,
-        """const name = document.querySelector("[aria-label=\\"Name of a new entry of every\\"]"); name.value = "weather";
-      name.parentElement.querySelector("button").click(); put(part("every.weather", "input[type=number]"), 6);""",
+        """const name = document.querySelector("[aria-label=\\"Name of a new entry of every\\"]");
+      name.value = "weather";
+      name.parentElement.querySelector("button").click();
+      put(part("every.weather", "input[type=number]"), 6);""",
     )
     assert scene(shown).every == {"weather": 6}
     act_and_wait(shown, 'document.querySelector("[aria-label=\\"Remove every.weather\\"]").click();')
