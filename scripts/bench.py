@@ -2,6 +2,7 @@
 
 python -m scripts.bench render --scene quay-day       # a finished frame beside a bare mujoco.Renderer
 python -m scripts.bench scale --scene training        # what a plan of a large run starts from
+python -m scripts.bench dataset --scene training --workers 1,2,4 --reference FOLDER   # from command to manifest
 python -m scripts.bench motion                        # the physics of a clip
 python -m scripts.bench world                         # night, weather, optics and display
 python -m scripts.bench detect --yolo FILE.onnx       # from a picture to box, centre and rope length
@@ -38,6 +39,16 @@ WARM_UP = 2  # frames
 MEMORY_AFTER = 2000  # frames of a video
 PICTURES, ROUNDS = 12, 20  # of the detector
 FINISHED, BARE = "simgrab: finished labelled frame", "mujoco.Renderer: rgb and segmentation"
+
+
+def _counts(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[int, ...]:
+    try:
+        counts = tuple(map(int, text.split(",")))
+    except ValueError:
+        counts = ()
+    if not counts or min(counts) < 1:
+        raise click.BadParameter(f"must be numbers of 1 or more, by commas, got {text!r}")
+    return counts
 
 
 def in_turns(acts: Mapping[str, Callable[[T], Any]], items: Iterable[T], warm_up: int) -> dict[str, list[float]]:
@@ -172,6 +183,45 @@ def _now() -> NDArray[np.float64]:
     return np.array([time.perf_counter(), time.process_time()])
 
 
+def dataset(
+    scene: str, size: tuple[int, int] | None, frames: int, workers: tuple[int, ...], reference: Path | None
+) -> Iterator[Quantity]:
+    """Measure frames a second from command to manifest, by the number of worker processes.
+
+    With a reference, a dataset of the same scene, seed and size that another machine rendered, frames of both are
+    compared: on a GPU, pictures may differ.
+    """
+    from simgrab.dataset.render import render as rendered
+
+    scenario = scenes.load(scene, {"frames": frames}, size=size)
+    for count in workers:
+        with tempfile.TemporaryDirectory() as folder:
+            path, began = Path(folder) / "dataset", time.perf_counter()
+            rendered(scenario, path, workers=count)
+            yield Quantity.of(f"{count} worker processes", "frames/s", frames / (time.perf_counter() - began))
+            if reference and count == workers[0]:
+                yield from _differences(reference, path)
+
+
+def _differences(one: Path, other: Path) -> Iterator[Quantity]:
+    """Compare labels and pictures of the frames that two datasets have in common."""
+    import cv2
+    import pyarrow.parquet as pq
+
+    tables = [pq.read_table(path / "labels.parquet") for path in (one, other)]
+    common = min(table.num_rows for table in tables)
+    first, second = (table.slice(0, common).to_pylist() for table in tables)
+    files = [(a.pop("image_sha256"), b.pop("image_sha256")) for a, b in zip(first, second, strict=True)]
+    unlike = sum(a != b for a, b in zip(first, second, strict=True))
+    yield Quantity.of(f"frames of {common} whose labels differ", "", unlike)
+    yield Quantity.of(f"frames of {common} whose image files differ", "", sum(a != b for a, b in files))
+    off = []
+    for a, b in zip(first, second, strict=True):
+        pictures = [cv2.imread(str(path / row["file"])) for path, row in ((one, a), (other, b))]
+        off.append(float(np.abs(np.subtract(*(picture.astype(np.int16) for picture in pictures))).mean()))
+    yield Quantity.of("mean difference of a picture", "of 255", *off)
+
+
 def motion() -> Iterator[Quantity]:
     """Measure how much faster than real time the physics runs, and how memory grows with a clip's length."""
     from simgrab.world.trajectory.clip import ClipMotion
@@ -283,6 +333,13 @@ VERBS: dict[str, tuple[Callable[..., Iterator[Quantity]], list[click.Parameter]]
         click.Option(["--scene"], default="training", show_default=True),
         click.Option(["--size"], help="WIDTHxHEIGHT in pixels; the scene's own unless given."),
         click.Option(["--frames"], default=48, show_default=True, type=COUNT),
+    ]),
+    "dataset": (dataset, [
+        click.Option(["--scene"], default="training", show_default=True),
+        click.Option(["--size"], help="WIDTHxHEIGHT"),
+        click.Option(["--frames"], default=640, show_default=True, type=COUNT),
+        click.Option(["--workers"], default="2", show_default=True, callback=_counts, help="One or more, by commas."),
+        click.Option(["--reference"], type=click.Path(path_type=Path, exists=True), help="Dataset to compare with."),
     ]),
     "motion": (motion, []),
     "world": (world, []),
