@@ -57,7 +57,10 @@ class Record:
 class Recorder(Protocol):
     """What `simgrab_record` is."""
 
-    def __call__(self, scene: str | Path, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> Record:
+    def __call__(
+        self, scene: str | Path, changes: Mapping[str, Any] | None = None, /, size: tuple[int, int] | None = None,
+        **keys: Any,
+    ) -> Record:  # fmt: skip
         """Draw a scene, or take it from the cache.
 
         Parameters
@@ -66,6 +69,8 @@ class Recorder(Protocol):
             A bundled scene or a scene file.
         changes : mapping, optional
             Dotted keys of the scenario to values.
+        size : tuple of 2 ints, optional
+            Width and height of the images, px, which then show the same view.
         **keys
             The same for keys without a dot: ``frames=20, seed=3``.
         """
@@ -104,8 +109,10 @@ def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
 
     where = pytestconfig.getoption("--simgrab-cache")
 
-    def record(scene: str | Path, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> Record:
-        scenario = scenes.load(scene, {**(changes or {}), **keys})
+    def record(
+        scene: str | Path, changes: Mapping[str, Any] | None = None, /, size: tuple[int, int] | None = None, **keys: Any
+    ) -> Record:
+        scenario = scenes.load(scene, {**(changes or {}), **keys}, size=size)
         return Record(cache.rendered(scenario, Path(where) if where else cache.default()))
 
     return record

@@ -33,7 +33,7 @@ class Still:
 
 @pytest.fixture
 def record(simgrab_record):
-    return simgrab_record("quay-day", SMALL, frames=3, seed=5)
+    return simgrab_record("quay-day", SMALL, size=(480, 270), frames=3, seed=5)
 """
 
 
