@@ -205,8 +205,9 @@ def dataset(
 
 def _differences(one: Path, other: Path) -> Iterator[Quantity]:
     """Compare labels and pictures of the frames that two datasets have in common."""
-    import cv2
     import pyarrow.parquet as pq
+
+    from simgrab.io import pictures
 
     tables = [pq.read_table(path / "labels.parquet") for path in (one, other)]
     common = min(table.num_rows for table in tables)
@@ -217,8 +218,8 @@ def _differences(one: Path, other: Path) -> Iterator[Quantity]:
     yield Quantity.of(f"frames of {common} whose image files differ", "", sum(a != b for a, b in files))
     off = []
     for a, b in zip(first, second, strict=True):
-        pictures = [cv2.imread(str(path / row["file"])) for path, row in ((one, a), (other, b))]
-        off.append(float(np.abs(np.subtract(*(picture.astype(np.int16) for picture in pictures))).mean()))
+        shown = [pictures.read(path / row["file"]).astype(np.int16) for path, row in ((one, a), (other, b))]
+        off.append(float(np.abs(shown[0] - shown[1]).mean()))
     yield Quantity.of("mean difference of a picture", "of 255", *off)
 
 
