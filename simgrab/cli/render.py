@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,8 +91,8 @@ def command(
     places = [path for path in (out, video) if path is not None]
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
         if out is not None:
-            if not (quiet or as_json or cluster or video):
-                progress = _priced(progress, recipe, workers)
+            if not (quiet or as_json or cluster or video or resume):
+                progress, checking = _priced(recipe, workers, progress, checking)
             summary = render(
                 scenario, out, video=video, workers=workers, cluster=cluster, shard_frames=shard_frames,
                 resume=resume, progress=progress, checking=checking, **functions,
@@ -120,20 +121,23 @@ def command(
             click.echo(printable(f"the truth table of each video of {video} is beside it, as .parquet"))
 
 
-def _priced(progress: Counts, recipe: Recipe, workers: int) -> Counts:
-    """Print, before the first frame of many is made, what they will take."""
+def _priced(recipe: Recipe, workers: int, *steps: Counts) -> Iterator[Counts]:
+    """Print what many frames will take, before the first step of making them begins."""
     from simgrab.dataset import price
 
-    begun = False
+    frames, printed = recipe.scenario.frames, False
 
-    def counted(done: int, total: int | None) -> None:
-        nonlocal begun
-        if not begun and total is not None and total - done >= price.FEW:
-            click.echo(f"{price.measured(recipe, total - done, workers)}; Ctrl-C stops, --resume goes on", err=True)
-        begun = True
-        progress(done, total)
+    def first(step: Counts) -> Counts:
+        def counted(done: int, total: int | None) -> None:
+            nonlocal printed
+            if not printed and frames >= price.FEW:
+                click.echo(f"{price.measured(recipe, frames, workers)}; Ctrl-C stops, --resume goes on", err=True)
+            printed = True
+            step(done, total)
 
-    return counted
+        return counted
+
+    return map(first, steps)
 
 
 def _text(value: object) -> str:

@@ -11,6 +11,7 @@ import msgspec
 from rich.filesize import decimal
 
 from simgrab.dataset import stored
+from simgrab.dataset.pool import vet
 from simgrab.model.scenario import Scenario
 from simgrab.runtime import machine
 from simgrab.world.extensions import Recipe
@@ -18,8 +19,8 @@ from simgrab.world.frames import FrameGenerator
 
 FEW = 200
 """Frames from which an estimate pays: it takes about as long as ten of them."""
-_PLACES = 3  # of the dataset, at which frames are made
-_LONGEST_S = 15.0  # after which no other place is tried
+_PLACES = 4  # of the dataset, at which frames are made: what they show takes more or less, by the weather above all
+_LEAST, _LONGEST_S = 2, 20.0  # places; time after which no other is tried
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,9 @@ class Price:
 def measured(recipe: Recipe, frames: int, workers: int) -> Price:
     """Estimate the price of the dataset's last ``frames`` frames, as rendered by this number of processes.
 
-    A frame that begins a draw of what varies takes longer than the next. At a few places of the dataset a frame of each
-    kind is made, in one process; several share the cores, so they take at least the cores' time for it all.
+    Worlds are checked before, and a frame that begins a draw of what varies takes longer than the next. At a few places
+    of the dataset a frame of each kind is made, in one process; several share the cores, so they take at least the
+    cores' time for it all.
 
     Raises
     ------
@@ -58,19 +60,25 @@ def measured(recipe: Recipe, frames: int, workers: int) -> Price:
     """
     scenario = recipe.scenario
     periods = _periods(recipe)
-    counts = _counts(periods, frames)
+    check = len(periods)  # its kind, beside those of frames
+    counts = [*_counts(periods, frames), scenario.clip.count(frames) if recipe.varies else 0]
     walls, cores, sizes = ([list[float]() for _ in counts] for _ in range(3))
     begun = time.perf_counter()
     groups = math.ceil(scenario.frames / periods[0])
     with FrameGenerator(recipe) as generator:
-        for place in sorted({groups * n // _PLACES for n in range(_PLACES)}):
-            for kind, frame in _samples(periods, place * periods[0], scenario.frames):
+        for tried, place in enumerate(sorted({groups * n // _PLACES for n in range(_PLACES)}), 1):
+            first = place * periods[0]
+            checked = [(check, first)] if recipe.varies else []
+            for kind, frame in [*checked, *_samples(periods, first, scenario.frames)]:
                 wall, core = time.perf_counter(), time.process_time()
-                made = stored.make(generator, frame)
+                if kind == check:
+                    vet(recipe, scenario.clip.of(frame))
+                else:
+                    made = stored.make(generator, frame)
+                    sizes[kind].append(sum(map(len, made.files.values())) + len(msgspec.json.encode(made.record)))
                 walls[kind].append(time.perf_counter() - wall)
                 cores[kind].append(time.process_time() - core)
-                sizes[kind].append(sum(map(len, made.files.values())) + len(msgspec.json.encode(made.record)))
-            if time.perf_counter() - begun > _LONGEST_S:
+            if tried >= _LEAST and time.perf_counter() - begun > _LONGEST_S:
                 break
 
     def total(each: list[list[float]]) -> float:
