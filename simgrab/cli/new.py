@@ -281,8 +281,11 @@ def _scene(answers: _Answers, file: Path) -> str:
     moods = list(itertools.product(lights, weathers))
     cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
     swing = f'rope_length_m = {{ dist = "uniform", low = {short:g}, high = {long:g} }}\nclamp = true'
+    swing += "\nalpha = { sigma_deg = 2.0 } # size of the swing; far ones must not reach hopper or hatch"
     if cycles:
         swing = f'model = "dynamic"\nwork = {{ model = "cycles", dig_rope_m = {long:g}, carry_rope_m = {short:g} }}'
+    else:
+        answers.assumed.append("swing: standard deviation of 2 degrees; sigma_deg in [swing] sets it")
     if long > head - 3:
         if cycles:
             raise _refusal("ropes", f"cycles dig on the quay, at most {head - 3:g} m below the jib head; got {long:g}")
