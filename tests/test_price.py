@@ -28,15 +28,15 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
     monkeypatch.setattr(price.stored, "make", make)
     monkeypatch.setattr(price, "time", SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.now))
     monkeypatch.setattr(price.machine, "cores", lambda: cores)
-    scene = simgrab.load("training", {"frames": 1000, "every": {"place": 64, "grab": 16}})
     for frames in (1000, 777):
-        found = price.measured(Recipe(scene), frames, workers)
+        scene = simgrab.load("training", {"frames": frames, "every": {"place": 64, "grab": 16}})
+        found = price.measured(Recipe(scene), workers)
         assert found.seconds == pytest.approx(share * sum(COSTS[begins(frame)] for frame in range(frames)))
         assert found.size == sum(1000 * begins(frame) + len(b"null") for frame in range(frames))
         assert found.worlds == -(-frames // 64)
     clock.now = 0.0
     same = simgrab.load("quay-day", {"frames": 1000})
-    assert price.measured(Recipe(same), 1000, 1).worlds == 1
+    assert price.measured(Recipe(same), 1).worlds == 1
 
 
 def test_many_frames_are_priced_before_the_first_and_few_are_not(monkeypatch, tmp_path):

@@ -125,13 +125,13 @@ def _priced(recipe: Recipe, workers: int, *steps: Counts) -> Iterator[Counts]:
     """Print what many frames will take, before the first step of making them begins."""
     from simgrab.dataset import price
 
-    frames, printed = recipe.scenario.frames, False
+    printed = False
 
     def first(step: Counts) -> Counts:
         def counted(done: int, total: int | None) -> None:
             nonlocal printed
-            if not printed and frames >= price.FEW:
-                click.echo(f"{price.measured(recipe, frames, workers)}; Ctrl-C stops, --resume goes on", err=True)
+            if not printed and recipe.scenario.frames >= price.FEW:
+                click.echo(f"{price.measured(recipe, workers)}; Ctrl-C stops, --resume goes on", err=True)
             printed = True
             step(done, total)
 

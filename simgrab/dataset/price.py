@@ -46,8 +46,8 @@ class Price:
         return f"{self.frames} frames{worlds}: about {_duration(self.seconds)} and {decimal(self.size)}"
 
 
-def measured(recipe: Recipe, frames: int, workers: int) -> Price:
-    """Estimate the price of the dataset's last ``frames`` frames, as rendered by this number of processes.
+def measured(recipe: Recipe, workers: int) -> Price:
+    """Estimate the price of a dataset, as rendered by this number of processes.
 
     Worlds are checked before, and a frame that begins a draw of what varies takes longer than the next. At a few places
     of the dataset a frame of each kind is made, in one process; several share the cores, so they take at least the
@@ -58,18 +58,18 @@ def measured(recipe: Recipe, frames: int, workers: int) -> Price:
     ScenarioError, RendererError, ExtensionError
         If a frame is impossible.
     """
-    scenario = recipe.scenario
+    scenario, frames = recipe.scenario, recipe.scenario.frames
     periods = _periods(recipe)
     check = len(periods)  # its kind, beside those of frames
     counts = [*_counts(periods, frames), scenario.clip.count(frames) if recipe.varies else 0]
     walls, cores, sizes = ([list[float]() for _ in counts] for _ in range(3))
     begun = time.perf_counter()
-    groups = math.ceil(scenario.frames / periods[0])
+    groups = math.ceil(frames / periods[0])
     with FrameGenerator(recipe) as generator:
         for tried, place in enumerate(sorted({groups * n // _PLACES for n in range(_PLACES)}), 1):
             first = place * periods[0]
             checked = [(check, first)] if recipe.varies else []
-            for kind, frame in [*checked, *_samples(periods, first, scenario.frames)]:
+            for kind, frame in [*checked, *_samples(periods, first, frames)]:
                 wall, core = time.perf_counter(), time.process_time()
                 if kind == check:
                     vet(recipe, scenario.clip.of(frame))
