@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 
 # Pictures in pixels, and by the lens's focal length in mm the horizontal and vertical field of view in degrees, from a
 # public transcription of the makers' data sheets (October 2026), which was not compared with the sheets themselves.
@@ -141,15 +142,13 @@ def first_fitting(
     Raises
     ------
     ValueError
-        If the lens is too wide with any.
+        If the lens is too wide with each.
     """
-    for c in barrels:
-        try:
+    *others, last = barrels
+    for c in others:
+        with suppress(ValueError):
             return c, focal(c), brown(width_px, height_px, focal(c), c)
-        except ValueError:
-            if c == barrels[-1]:
-                raise
-    raise ValueError(_TOO_WIDE)
+    return last, focal(last), brown(width_px, height_px, focal(last), last)
 
 
 _TOO_WIDE = "the lens is too wide for the scene's model of distortion: choose a longer lens or a narrower field of view"

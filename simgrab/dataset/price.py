@@ -12,7 +12,6 @@ from rich.filesize import decimal
 
 from simgrab.dataset import stored
 from simgrab.dataset.pool import vet
-from simgrab.model.scenario import Scenario
 from simgrab.runtime import machine
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
@@ -90,7 +89,7 @@ def measured(recipe: Recipe, workers: int) -> Price:
 
 def _periods(recipe: Recipe) -> list[int]:
     """After how many frames something is drawn anew, the longest first; 1 is of every frame."""
-    scenario: Scenario = recipe.scenario
+    scenario = recipe.scenario
     if not recipe.varies:
         return [scenario.frames, 1]
     return sorted({scenario.clip.clip_frames or scenario.frames, *scenario.every.values(), 1}, reverse=True)

@@ -20,7 +20,7 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
     failed : sequence of str
         Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did.
     compared : bool
-        Whether one of them is only worse than its baseline.
+        Whether one of them has a baseline.
     """
     if trial.run is None or trial.known is None or trial.evaluation is None:
         return

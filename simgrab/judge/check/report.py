@@ -54,10 +54,10 @@ class Outcome:
     def causes(self) -> str:
         """What the errors of a scene that failed consist of, in sentences."""
         failed = [verdict for verdict in self.verdicts if verdict.status == "failed"]
+        if self.trial is None or not failed:
+            return ""
         compared = any(verdict.reference is not None for verdict in failed)
-        return (
-            " ".join(causes(self.trial, [v.what for v in failed], compared=compared)) if self.trial and failed else ""
-        )
+        return " ".join(causes(self.trial, [verdict.what for verdict in failed], compared=compared))
 
 
 @dataclass(frozen=True, eq=False)
