@@ -107,4 +107,7 @@ detector_option = click.option(
 imu_option = click.option(
     "--imu", type=PATH, help="Folder of the inertial sensor in the camera's housing, e.g. sensors/clip_000/imu0."
 )
+plc_option = click.option(
+    "--plc", type=PATH, help="Data of the crane's controller, CSV or parquet, with a TOML of the same name beside."
+)
 cluster_option = click.option("--cluster", help="Ray cluster to work on: auto, ray://HOST:10001 or HOST:6379.")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import NEW_FOLDER, PATH, EstimatorName, detector_option, imu_option
+from simgrab.cli._options import NEW_FOLDER, PATH, EstimatorName, detector_option, imu_option, plc_option
 from simgrab.instrument.contract import Instrument
 from simgrab.io.parse import shown
 from simgrab.text import printable
@@ -49,6 +49,7 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 )
 @click.option("--calibration", type=PATH, help="Use the tilt of another run: its tilt.toml.")
 @imu_option
+@plc_option
 @click.option("--live", is_flag=True, help="Update the estimate while frames arrive; always on for streams.")
 @click.option(
     "--rate",
@@ -62,8 +63,8 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
     source: str, camera: Path | None, out: Path | None, detector_name: str, instrument: str | None,
-    estimator: str | None, calibrate: float | None, calibration: Path | None, imu: Path | None, live: bool,
-    rate: float | None, no_video: bool, paper: bool, as_json: bool, quiet: bool,
+    estimator: str | None, calibrate: float | None, calibration: Path | None, imu: Path | None, plc: Path | None,
+    live: bool, rate: float | None, no_video: bool, paper: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Measure swing in SOURCE: a video, a stream's URL, a folder of images, or a dataset.
 
@@ -85,17 +86,18 @@ def command(
     out = out or Path("runs") / f"{plain_name(source)}-run"
     chosen: Instrument
     if instrument is not None:
-        if detector_name != FOUR_ROPE or any((estimator, calibrate, calibration, imu, live)):
+        if detector_name != FOUR_ROPE or any((estimator, calibrate, calibration, imu, plc, live)):
             raise click.UsageError(
-                "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration, --imu or "
-                "--live."
+                "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration, --imu, "
+                "--plc or --live."
             )
         sys.path.insert(0, str(Path.cwd()))  # a pipeline lies where one works
         chosen = open_instrument(instrument)
     else:
         chosen = assemble(
-            detector=detector_name, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu
-        )
+            detector=detector_name, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu,
+            plc=plc,
+        )  # fmt: skip
     options = RunOptions(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:
         found = run(source, camera, out, chosen, options, progress)

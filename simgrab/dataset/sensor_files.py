@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import tomli_w
+
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import (
+    Controller,
     HoistEncoder,
     Imu,
     Inclinometer,
@@ -21,6 +24,8 @@ from simgrab.model.scenario import (
     SlewEncoder,
 )
 
+STAMP = "#timestamp [ns]"
+LEAST_COUNT = 1e-6  # of a column that is not rounded
 _BODIES = {
     "jib-head": "jib frame: origin O, x outboard, z up",
     "camera": "camera frame: x right, y down, z forward",
@@ -35,7 +40,7 @@ def names(scenario: Scenario) -> Iterator[str]:
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
         for name, sensor in scenario.sensors.items():
             data, truth = tables_of(clip, name, sensor)
-            yield from (data, f"{folder_of(clip, name)}/sensor.yaml", truth)
+            yield from (data, description_of(clip, name, sensor), truth)
             if isinstance(sensor, SideCamera):
                 seconds = len(scenario.span(clip)) / scenario.clip.frame_rate_hz
                 yield from (f"{folder_of(clip, name)}/data/{picture_of(k)}" for k in range(sensor.count(seconds)))
@@ -51,10 +56,35 @@ def folder_of(clip: int, sensor: str) -> str:
     return f"sensors/clip_{clip:03d}/{sensor}"
 
 
+def description_of(clip: int, name: str, sensor: MotionSensor) -> str:
+    """Name the description of a sensor; a controller's is what `simgrab run --plc` reads."""
+    return f"{folder_of(clip, name)}/{'data.toml' if isinstance(sensor, Controller) else 'sensor.yaml'}"
+
+
 def tables_of(clip: int, name: str, sensor: MotionSensor) -> tuple[str, str]:
     """Name the two tables of a sensor: its readings, and the truth."""
     kind = "parquet" if isinstance(sensor, Lidar) else "csv"
     return f"{folder_of(clip, name)}/data.{kind}", f"sensors_truth/clip_{clip:03d}/{name}/truth.{kind}"
+
+
+def describe(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
+    """Describe a sensor, with the maker's figures, never with the drawn errors; see `yaml` and `description_of`."""
+    if not isinstance(sensor, Controller):
+        return yaml(sensor, body_from_sensor)
+    shared = {"rate_hz": sensor.rate_hz, "lag_s": sensor.lag_s, "jitter_s": sensor.jitter_s}
+    counts = {
+        "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg),
+        "radius": ("radius [m]", "m", sensor.radius_resolution_m),
+        "rope": ("rope_length [m]", "m", sensor.rope_resolution_m),
+    }
+    clock = {"column": STAMP, "unit": "ns", "clock_sd_s": sensor.clock_offset_ms / 1000}
+    return tomli_w.dumps(
+        {"time": clock}
+        | {
+            name: {"column": column, "unit": unit, "resolution": max(count, LEAST_COUNT)} | shared
+            for name, (column, unit, count) in counts.items()
+        }
+    )
 
 
 def yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> str:

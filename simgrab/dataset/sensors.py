@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from simgrab.dataset import sensor_files
-from simgrab.dataset.sensor_files import folder_of, picture_of, tables_of
+from simgrab.dataset.sensor_files import STAMP, description_of, folder_of, picture_of, tables_of
 from simgrab.dataset.tables import Writing
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
@@ -25,7 +25,6 @@ from simgrab.model.scenario import (
 )
 from simgrab.world.extensions import Recipe
 
-STAMP = "#timestamp [ns]"
 CAMERA_BYTES, LIDAR_BYTES = 650_000_000, 400_000_000
 """What a camera of 1280x960 px and a LiDAR, each with a world of its own, add to a process; 610 and 354 MB measured."""
 Append = Callable[[NDArray[np.int64], Array], None]
@@ -81,8 +80,8 @@ def _write_clip(variant: Variant, clip: int, writing: Writing, recorded: Callabl
         for name, device in devices.items():
             stack.callback(device.close)
             sensor = scenario.sensors[name]
-            about = opened(f"{folder_of(clip, name)}/sensor.yaml")
-            about.write(sensor_files.yaml(sensor, device.body_from_sensor).encode())
+            about = opened(description_of(clip, name, sensor))
+            about.write(sensor_files.describe(sensor, device.body_from_sensor).encode())
             kind = _parquet if isinstance(sensor, Lidar) else _csv
             data, truth = tables_of(clip, name, sensor)
             first = _listing if isinstance(sensor, SideCamera) else kind

@@ -142,5 +142,5 @@ def _status(s: Observation, alpha: bool, rope: bool, jump: bool, refused: str) -
         return "ok", ""
     unread = "the hoist is too slow to have reached the length read" if jump else s.rope_reason
     if not rope and (unread or not refused):
-        return "unread", unread or "the camera file states no display to read the rope's length from"
+        return "unread", unread or "neither a display nor the controller states the rope's length"
     return "refused", refused or "no swing angle explains the pixel: the rope is shorter than the camera offset"

@@ -165,7 +165,8 @@ class TakesSensors(Protocol):
         Parameters
         ----------
         sensors : mapping of str to Path
-            Folder of each sensor that may be used, by name: ``imu0`` has ``data.csv`` and ``sensor.yaml``.
+            Folder of each sensor that may be used, by name: ``imu0`` has ``data.csv`` and ``sensor.yaml``, ``plc``
+            ``data.csv`` and ``data.toml``.
 
         Raises
         ------

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -16,6 +16,7 @@ from simgrab.errors import RunError
 from simgrab.instrument import angles
 from simgrab.instrument.angles import RecordArrays
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.detect import FOUR_ROPE, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, IntervalSettings
@@ -24,6 +25,7 @@ from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
 from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate
 
 if TYPE_CHECKING:
@@ -31,13 +33,13 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-WITH_DISPLAY, WITHOUT = "rope-aware", DEFAULT
+WITH_ROPE, WITHOUT = "rope-aware", DEFAULT
 # A crane's cycle takes 60 to 90 s, and swings are excited again in each: the shortest independent block.
 INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
 INERTIAL = "inertial-fusion"
-IMU = "imu0"  # in the camera's housing, among sensors
+IMU, PLC = "imu0", "plc"  # among sensors: in the camera's housing, and the crane's controller
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
 
@@ -53,12 +55,15 @@ class MeasuredRecord:
         Estimate of the tilt, or its refusal; None if the tilt was given.
     tilt : Known or None
         Tilt with which the swings were computed; None if there was none.
+    clock : ClockOffset or None
+        Offset of the controller's clock; None without its data.
     """
 
     arrays: RecordArrays
     measurements: tuple[Measurement, ...]
     estimate: Estimate | None
     tilt: Known | None
+    clock: ClockOffset | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,9 @@ class Pipeline:
     tilt : Known or None
         A known tilt.
     bridge : Bridge
+    controller : Controller or None
+        Readings of the crane's controller. Its rope length takes the place of the display's, and an estimator with a
+        field ``controller`` gets all of it.
     """
 
     detector: Detector
@@ -88,6 +96,7 @@ class Pipeline:
     calibrate_s: float | None = None
     tilt: Known | None = None
     bridge: Bridge = field(default_factory=Bridge)
+    controller: Controller | None = None
 
     @property
     def name(self) -> str:
@@ -104,15 +113,16 @@ class Pipeline:
         Raises
         ------
         RunError
-            If the estimator needs the rope's length and there is no display to read it from.
+            If the estimator needs the rope's length, and neither a display nor the controller states it.
         """
-        display = calibration.digit_layout is not None and self.reader is not None
+        known = calibration.digit_layout is not None and self.reader is not None
+        known = known or (self.controller is not None and self.controller.rope is not None)
         if self.estimator is None:
-            return ESTIMATORS[WITH_DISPLAY if display else WITHOUT](intervals=INTERVALS)
-        if self.estimator.needs_rope and not display:
+            return ESTIMATORS[WITH_ROPE if known else WITHOUT](intervals=INTERVALS)
+        if self.estimator.needs_rope and not known:
             raise RunError(
                 f"{self.estimator.name} needs the rope's length, but the camera file states no display "
-                f"(digit_layout); {WITHOUT} needs no rope length"
+                f"(digit_layout), and there is none of the controller; {WITHOUT} needs no rope length"
             )
         return self.estimator
 
@@ -134,31 +144,41 @@ class Pipeline:
         name = self.estimator.name if self.estimator is not None and self.estimator.needs_rope else ""
         if sensors:
             self._check_sensors(sensors)
-            name = INERTIAL
-        if name and not (display and self.reader is not None):
+            name = INERTIAL if IMU in sensors else name
+        if name and PLC not in sensors and not (display and self.reader is not None):
             raise RunError(f"{name} needs the rope's length on the display")
 
     def _check_sensors(self, sensors: Collection[str]) -> None:
-        if self.estimator is not None or self.calibrate_s is not None or self.tilt is not None:
+        if IMU in sensors and (self.estimator is not None or self.calibrate_s is not None or self.tilt is not None):
             raise RunError("an inertial sensor selects its own estimator; leave out estimator and calibration")
-        if IMU not in sensors:
-            raise RunError(f"{self.name} uses the sensor {IMU}; there are: {', '.join(sensors) or 'none'}")
+        if IMU not in sensors and PLC not in sensors:
+            raise RunError(f"{self.name} uses the sensors {IMU} and {PLC}; there are: {', '.join(sensors) or 'none'}")
 
     def with_sensors(self, sensors: Mapping[str, Path]) -> Pipeline:
-        """Measure with `InertialFusion` and the inertial sensor ``imu0`` in the camera's housing (`TakesSensors`).
+        """Measure with sensors (`TakesSensors`).
+
+        These are ``plc``, the controller's data, and ``imu0``, the inertial sensor in the camera's housing, with which
+        the estimator is `InertialFusion`.
 
         Raises
         ------
         RunError
-            If the sensor is missing, or an estimator or a tilt was chosen.
+            If there is neither, or an estimator or a tilt was chosen beside ``imu0``.
         RecordError
-            If its readings cannot be used.
+            If readings cannot be used.
         """
-        from simgrab.instrument.estimate.inertial.estimator import InertialFusion
-        from simgrab.instrument.estimate.inertial.readings import read_imu
-
         self._check_sensors(sensors)
-        return replace(self, estimator=InertialFusion(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
+        found = self
+        if IMU in sensors:
+            from simgrab.instrument.estimate.inertial.estimator import InertialFusion
+            from simgrab.instrument.estimate.inertial.readings import read_imu
+
+            found = replace(found, estimator=InertialFusion(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
+        if PLC in sensors:
+            from simgrab.instrument.controller_file import read_controller
+
+            found = replace(found, controller=read_controller(sensors[PLC]))
+        return found
 
     def record(self, frames: Iterable[Frame], calibration: Calibration) -> MeasuredRecord:
         """Measure a record, and return the tilt that was used."""
@@ -168,11 +188,17 @@ class Pipeline:
 
     def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> MeasuredRecord:
         """Estimate angles from a record of observations."""
-        estimator = self.chosen(calibration)
-        record = angles.arrays(observations, rope(observations, calibration, self.bridge))
+        ropes, controller, clock = rope(observations, calibration, self.bridge), self.controller, None
+        if controller is not None:
+            time = _times(observations)
+            clock = clock_offset(controller, time, ropes.length)
+            controller = controller.shifted(clock)
+            ropes = _told(ropes, controller, time)
+        estimator = _informed(self.chosen(calibration), controller)
+        record = angles.arrays(observations, ropes)
         if self.tilt is not None:
             alpha, ends = angles.by_tilt(record, self.tilt, calibration)
-            return MeasuredRecord(record, angles.measurements(record, alpha, ends), None, self.tilt)
+            return MeasuredRecord(record, angles.measurements(record, alpha, ends), None, self.tilt, clock)
         if self.calibrate_s is not None and record.time is None:
             raise RunError("independent frames have no first part to calibrate on")
         estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
@@ -180,18 +206,18 @@ class Pipeline:
             nothing = np.full((len(observations), 3), np.nan)
             refused = f"no tilt: {estimate.reason}"
             return MeasuredRecord(
-                record, angles.measurements(record, nothing[:, 0], nothing[:, 1:], refused), estimate, None
+                record, angles.measurements(record, nothing[:, 0], nothing[:, 1:], refused), estimate, None, clock
             )
         tilt = known(estimate)
         if self.calibrate_s is None:
             alpha, ends = angles.by_estimate(record, estimator, estimate)
         else:
             alpha, ends = angles.by_tilt(record, tilt, calibration)
-        return MeasuredRecord(record, angles.measurements(record, alpha, ends), estimate, tilt)
+        return MeasuredRecord(record, angles.measurements(record, alpha, ends), estimate, tilt, clock)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
-        estimator = self.chosen(calibration)
+        estimator = _informed(self.chosen(calibration), self.controller)
         tracker = _tracker(estimator, calibration)
         if estimator.needs_time and tracker is None:
             raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
@@ -206,6 +232,8 @@ class Pipeline:
             now = frame.time_s - _time(observations[0])
             recent = _recent(observations)
             ropes = rope(recent, calibration, self.bridge)
+            if self.controller is not None:
+                ropes = _told(ropes, self.controller, _times(recent))
             lengths.append(float(ropes.length[-1]))
             if tracker is None and self.tilt is None and now >= due:
                 found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
@@ -260,6 +288,27 @@ def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker 
     return InertialTracker(estimator, calibration)
 
 
+def _informed(estimator: Estimator, controller: Controller | None) -> Estimator:
+    """Give the controller's readings to an estimator that uses them."""
+    takes = controller is not None and any(one.name == "controller" for one in fields(estimator))
+    return replace(estimator, controller=controller) if takes else estimator  # type: ignore[call-arg]
+
+
+def _told(ropes: Rope, controller: Controller, time: Array) -> Rope:
+    """Put the controller's lengths in place of the display's, where it has some."""
+    if controller.rope is None:
+        return ropes
+    told = controller.rope_at(time)
+    return replace(ropes, length=np.where(np.isfinite(told), told, ropes.length))
+
+
+def _times(observations: Sequence[Observation]) -> Array:
+    times = [s.time_s for s in observations]
+    if None in times:
+        raise RunError("the controller's data need frames that follow each other in time")
+    return np.array(times, float)
+
+
 def _time(observation: Observation) -> float:
     assert observation.time_s is not None
     return observation.time_s
@@ -290,6 +339,7 @@ def assemble(
     tilt: str | Path | None = None,
     live: bool = False,
     imu: str | Path | None = None,
+    plc: str | Path | None = None,
 ) -> Pipeline:
     """Make a pipeline from command-line options.
 
@@ -307,6 +357,8 @@ def assemble(
     imu : path, optional
         Folder of the inertial sensor in the camera's housing, as `read_imu` takes it: then the estimator is
         `InertialFusion`.
+    plc : path, optional
+        Data of the crane's controller, as `simgrab.instrument.controller_file.read_controller` takes them.
 
     Raises
     ------
@@ -322,4 +374,5 @@ def assemble(
         raise RunError(f"the tilt is given, so {estimator} is not needed; leave out one of them")
     chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
     pipeline = Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))
-    return pipeline if imu is None else pipeline.with_sensors({IMU: Path(imu)})
+    sensors = {name: Path(path) for name, path in ((IMU, imu), (PLC, plc)) if path is not None}
+    return pipeline.with_sensors(sensors) if sensors else pipeline

@@ -59,7 +59,7 @@ def rope(observations: Sequence[Observation], calibration: Calibration, bridge: 
     times = np.array([s.time_s for s in observations], float)
     believed = consistent(times, hoist, bridge.hoist)
     jump = np.isfinite(hoist) & ~believed
-    length = _bridged(times, np.where(believed, hoist, np.nan), bridge.longest_s)
+    length = bridged(times, times, np.where(believed, hoist, np.nan), bridge.longest_s)
     return Rope(_sound(length + calibration.display_constant_m), jump)
 
 
@@ -67,15 +67,14 @@ def _sound(length: Array) -> Array:
     return np.where(length > 0, length, np.nan)
 
 
-def _bridged(times: Array, lengths: Array, longest: float) -> Array:
-    """Fill gaps between readings, shape (n,)."""
-    read = np.flatnonzero(np.isfinite(lengths))
-    if not len(read):
-        return lengths
-    after = np.searchsorted(read, np.arange(len(times)))  # the next reading, the frame's own included
-    left, right = read[np.maximum(after - 1, 0)], read[np.minimum(after, len(read) - 1)]
-    filled = np.interp(times, times[read], lengths[read])
-    outside = (after == 0) | (after == len(read))
-    nearest = np.minimum(np.abs(times - times[left]), np.abs(times - times[right]))
-    near = np.where(outside, nearest <= longest / 2, times[right] - times[left] <= longest)
-    return np.where(np.isfinite(lengths), lengths, np.where(near, filled, np.nan))
+def bridged(at: Array, time: Array, values: Array, longest: float) -> Array:
+    """Interpolate readings (n,) at times (m,) as `Bridge.longest_s` states; NaN in longer gaps."""
+    known = np.isfinite(values)
+    time, values = time[known], values[known]
+    if not len(time):
+        return np.full(len(at), np.nan)
+    after, before = np.searchsorted(time, at), np.searchsorted(time, at, side="right") - 1
+    gap = time[np.minimum(after, len(time) - 1)] - time[np.maximum(before, 0)]  # 0 at a reading
+    outside = np.maximum(time[0] - at, at - time[-1])
+    near = np.where(outside > 0, outside <= longest / 2, gap <= longest)
+    return np.where(near, np.interp(at, time, values), np.nan)

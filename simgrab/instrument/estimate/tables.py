@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import itertools
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,7 +63,9 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
     RecordError
         With one line that names the file and the row (the first is 1) or the column.
     """
-    table = _table(Path(path))
+    table = read_texts(
+        path, (*itertools.chain(*_PIXELS), "rope_length_m", "time_s"), "u_px, v_px[, rope_length_m, time_s]"
+    )
     pair = _pixel_columns(path, table.column_names)
     needed = [*pair, *(["rope_length_m"] if rope else []), *(["time_s"] if time else [])]
     for name in needed:
@@ -110,22 +113,35 @@ def _rope(path: str | Path, table: pa.Table) -> Array:
     return length
 
 
-def _table(path: Path) -> pa.Table:
-    table = read_table(path, RecordError) if path.suffix.lower() == ".parquet" else _csv(path)
-    names = table.column_names
-    for name in (*itertools.chain(*_PIXELS), "rope_length_m", "time_s"):  # others are ignored
-        if names.count(name) > 1:
+def read_texts(path: str | Path, names: Collection[str], header: str) -> pa.Table:
+    """Read ``.parquet``, or else CSV, of which every column is text, so that errors can name a cell.
+
+    Parameters
+    ----------
+    path : path
+    names : collection of str
+        Columns that must not be there twice; others are ignored.
+    header : str
+        The columns, in the words of a message.
+
+    Raises
+    ------
+    RecordError
+    """
+    path = Path(path)
+    table = read_table(path, RecordError) if path.suffix.lower() == ".parquet" else _csv(path, header)
+    for name in names:
+        if table.column_names.count(name) > 1:
             raise RecordError(f"{path}: duplicate column {name}")
     return table
 
 
-def _csv(path: Path) -> pa.Table:
-    """Read every column as text, so that errors can name a cell that is not a number."""
+def _csv(path: Path, needed: str) -> pa.Table:
     with opened(path, RecordError, most_bytes=MOST_CSV_BYTES) as file:
         content = file.read().removeprefix(codecs.BOM_UTF8)
     header = content[: MOST_HEADER_BYTES + 1].splitlines()[:1]
     if not header or not header[0].strip():
-        raise RecordError(f"{path}: the file is empty; a header u_px, v_px[, rope_length_m, time_s] is needed")
+        raise RecordError(f"{path}: the file is empty; a header {needed} is needed")
     if len(header[0]) > MOST_HEADER_BYTES:
         raise RecordError(
             f"{cannot(path)}: its first line is not a header: it is longer than {MOST_HEADER_BYTES} bytes"

@@ -16,6 +16,7 @@ from simgrab.errors import RunError, SourceError
 from simgrab.instrument import alarm
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
+from simgrab.instrument.controller import ClockOffset
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.measure import estimate_json
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, assemble
@@ -98,10 +99,9 @@ def run(
     if (
         opened.live
         and isinstance(instrument, Pipeline)
-        and instrument.estimator is not None
-        and instrument.estimator.needs_imu
+        and (instrument.controller is not None or (instrument.estimator is not None and instrument.estimator.needs_imu))
     ):
-        raise RunError("a stream cannot be used with the recorded readings of an inertial sensor: their times differ")
+        raise RunError("a stream cannot be used with recorded readings of a sensor or controller: their times differ")
     if out is None:
         return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened, named)
     with runs.making(Path(out)) as folder:
@@ -260,6 +260,7 @@ def _conclude(
     found = () if time_s is None else alarm.events(time_s, measurements, rule)
     estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
+    told = _controller(instrument, None if record is None else record.clock)
     about = {
         "simgrab": version("simgrab"),
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
@@ -268,7 +269,20 @@ def _conclude(
         "assumed": assumptions(calibration, record, tilt, instrument),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
-        "notes": list(notes.notes),
+        "notes": [*notes.notes, *told.pop("notes", ())],
         "speed": speed,
-    }  # fmt: skip
+    } | ({"controller": told} if told else {})  # fmt: skip
     return Run(instrument.name, source, calibration, time_s, tuple(names), measurements, found, about)
+
+
+def _controller(instrument: Instrument, clock: ClockOffset | None) -> dict[str, Any]:
+    """State what is known of the controller's clock, and which readings were refused; empty without its data."""
+    if not isinstance(instrument, Pipeline) or instrument.controller is None:
+        return {}
+    controller = instrument.controller
+    clock = clock or ClockOffset(0.0, controller.clock_sd_s, "its description")
+    return {
+        "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
+        "display_minus_controller_m": clock.difference_m,
+        "notes": [*controller.notes, *filter(None, [clock.note])],
+    }  # fmt: skip

@@ -16,6 +16,7 @@ from simgrab.io.strict import Checked
 from simgrab.model import scenes
 from simgrab.model.rng import stream
 from simgrab.model.scenario import (
+    Controller,
     HoistEncoder,
     Imu,
     Lidar,
@@ -37,6 +38,7 @@ SENSORS: dict[str, dict[str, MotionSensor]] = {  # that clips may have beside th
     "encoders": {"slew": SlewEncoder(), "luff": LuffEncoder(), "hoist": HoistEncoder()},
     "cameras": {"side0": SideCamera(), "side1": SideCamera(position_m=(2.0, 1.5, 14.0))},
     "lidar": {"lidar0": Lidar()},
+    "controller": {"plc": Controller()},
 }
 WIND_M_S = {"windy-day": 12.0, "heavy-snow": 8.0}  # mean; 4 in the other weathers
 LEAST_TILT_DEG, MOST_TILT_DEG = 1.0, 6.0

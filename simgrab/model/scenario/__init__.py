@@ -20,6 +20,7 @@ from simgrab.model.scenario.optics import AutoExposure, FixedExposure, Optics, S
 from simgrab.model.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
 from simgrab.model.scenario.sensors import (
     IMU_CLASSES,
+    Controller,
     HoistEncoder,
     Imu,
     ImuNoise,
@@ -70,6 +71,7 @@ __all__ = [
     "Clamshell",
     "Clip",
     "Clutter",
+    "Controller",
     "Cycles",
     "Display",
     "DoublePendulum",

@@ -159,6 +159,27 @@ class HoistEncoder(Clocked, frozen=True, tag="hoist-encoder"):
     scale_error: Scale = 0.001
 
 
+class Controller(Clocked, frozen=True, tag="controller"):
+    """The crane's controller: slewing angle, radius and rope length |OA| together, as `simgrab run --plc` reads them.
+
+    A row states the values of ``lag_s`` before its time stamp, on average.
+    """
+
+    rate_hz: SlowRate = 10.0
+    lag_s: Annotated[float, about("Mean delay of the time stamp.", ge=0, le=10)] = 0.1
+    jitter_s: Annotated[float, about("Its standard deviation; no row overtakes another.", ge=0, le=10)] = 0.01
+    dropout: Annotated[Share, about("Share of the time without readings.")] = 0.0
+    dropout_s: Annotated[float, about("Duration of a loss; several may follow each other.", ge=0.01, le=600)] = 1.0
+    slew_resolution_deg: AngleCount = 0.1
+    slew_zero_error_deg: ZeroError = 0.5
+    radius_resolution_m: LengthCount = 0.01
+    radius_zero_error_m: ZeroError = 0.05
+    rope_resolution_m: LengthCount = 0.01
+    rope_zero_error_m: ZeroError = 0.05
+    rope_scale_error: Scale = 0.001
+    clock_offset_ms: ClockOffset = 300.0
+
+
 class Lidar(Clocked, frozen=True, tag="lidar"):
     """A scanner on the slewing platform that measures distances along a grid of beams, all at once.
 
@@ -221,4 +242,4 @@ class SideCamera(Tagged, frozen=True, tag="camera"):
 
 
 Encoder = SlewEncoder | LuffEncoder | HoistEncoder
-MotionSensor = Imu | Inclinometer | SlewEncoder | LuffEncoder | HoistEncoder | Lidar | SideCamera
+MotionSensor = Imu | Inclinometer | SlewEncoder | LuffEncoder | HoistEncoder | Controller | Lidar | SideCamera

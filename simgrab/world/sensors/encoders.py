@@ -1,13 +1,15 @@
-"""The crane's encoders of slewing angle, radius and rope length."""
+"""The crane's encoders of slewing angle, radius and rope length, and the controller that reports all three."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import HoistEncoder, LuffEncoder, SlewEncoder
+from simgrab.model.scenario import Controller, HoistEncoder, LuffEncoder, SlewEncoder
 from simgrab.model.scenario.sensors import Encoder
-from simgrab.world.sensors.device import Device, Setting
+from simgrab.world.sensors.device import Device, SensorRows, Setting
 from simgrab.world.sensors.errors import SensorClock, SensorErrors
 from simgrab.world.sensors.motion import Motion
 
@@ -36,3 +38,41 @@ class EncoderDevice(Device):
             case HoistEncoder():
                 true = motion.rope
         return self._errors.read(true[:, None])[0], true[:, None]
+
+
+class ControllerDevice(Device):
+    """Slewing angle, radius and rope length, stamped late, with losses."""
+
+    columns = tuple(COLUMNS.values())
+    truth_columns = ("time [s]", *columns)
+
+    def __init__(self, sensor: Controller, setting: Setting) -> None:
+        clock = SensorClock.draw(sensor.rate_hz, sensor, setting.opened)
+        super().__init__(replace(clock, offset=clock.offset + sensor.lag_s))
+        self._sensor, self._jitter, self._loss = sensor, setting.opened("jitter"), setting.opened("loss")
+        self._lost: list[bool] = []
+        self._errors = [
+            SensorErrors(1, lambda variable, name=name: setting.opened(f"{name}/{variable}"), **errors)
+            for name, errors in (
+                ("slew", {"bias": sensor.slew_zero_error_deg, "resolution": sensor.slew_resolution_deg}),
+                ("radius", {"bias": sensor.radius_zero_error_m, "resolution": sensor.radius_resolution_m}),
+                ("rope", {"bias": sensor.rope_zero_error_m, "resolution": sensor.rope_resolution_m,
+                          "scale_error": sensor.rope_scale_error}),
+            )
+        ]  # fmt: skip
+
+    def rows(self, motion: Motion) -> SensorRows:
+        """Read the motion at the latest instants; the stamps keep their order."""
+        found, most = super().rows(motion), 0.45 / self._sensor.rate_hz
+        late = np.clip(self._sensor.jitter_s * self._jitter.standard_normal(len(found.stamp_ns)), -most, most)
+        return replace(found, stamp_ns=found.stamp_ns + np.round(late * 1e9).astype(np.int64))
+
+    def _read(self, motion: Motion) -> tuple[Array, Array]:
+        true = np.column_stack([np.degrees(motion.slew), motion.radius, motion.rope])
+        values = np.column_stack([each.read(true[:, [k]])[0] for k, each in enumerate(self._errors)])
+        piece = (motion.time / self._sensor.dropout_s).astype(np.int64)
+        more = int(piece.max(initial=-1)) + 1 - len(self._lost)
+        self._lost += (self._loss.random(max(more, 0)) < self._sensor.dropout).tolist()
+        kept = ~np.array(self._lost, bool)[piece]
+        self._counts = kept.astype(np.int64)
+        return values[kept], true[kept]

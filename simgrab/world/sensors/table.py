@@ -13,6 +13,7 @@ DEVICES = {
     "slew-encoder": "simgrab.world.sensors.encoders:EncoderDevice",
     "luff-encoder": "simgrab.world.sensors.encoders:EncoderDevice",
     "hoist-encoder": "simgrab.world.sensors.encoders:EncoderDevice",
+    "controller": "simgrab.world.sensors.encoders:ControllerDevice",
     "lidar": "simgrab.lab.sensors.lidar:LidarDevice",
     "camera": "simgrab.lab.sensors.camera:CameraDevice",
 }

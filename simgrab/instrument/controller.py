@@ -1,0 +1,175 @@
+"""Readings of the crane's controller, and how far its clock is from that of the pictures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simgrab.errors import RecordError
+from simgrab.model.geometry import Array
+
+DELAY_S, DELAY_SD_S = 0.5, 12**-0.5
+"""Of the display: lengths on it are 0 to 1 s old."""
+STEP_S = 0.1  # of the search
+MOST_SEARCH_S = 60.0
+MOST_READINGS = 20_000  # of the display; more say no more of the clock
+LEAST_READINGS = 20
+LEAST_HOIST_M = 1.0  # that the rope's length must change by to show the clock
+BLOCK_S = 20.0  # within which errors of readings depend on each other
+MOST_MISFIT_M = 0.3
+"""Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
+MOST_CONSTANT_M = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    r"""Readings of the crane's controller on the clock of the pictures.
+
+    A row of NaN stands in each gap too long to be bridged, so that linear interpolation gives NaN there.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        s, increasing; 0 is the first frame. The stated lag is taken off.
+    slew : ndarray, shape (n,), or None
+        Slewing angle, rad, unwrapped, counter-clockwise seen from above; its zero is arbitrary.
+    radius : ndarray, shape (n,), or None
+        From the slewing axis to O, m.
+    rope : ndarray, shape (n,), or None
+        \|OA\|, m.
+    slew_sd, radius_sd, rope_sd : float
+        Standard deviation of one reading, rad, m, m, from resolution and jitter; 0 where there are no readings.
+    clock_sd_s : float
+        Standard deviation of what is still unknown of the clock's offset, s.
+    notes : tuple of str
+        Readings that were refused, with their number and the reason, a line each.
+    """
+
+    time: Array
+    slew: Array | None
+    radius: Array | None
+    rope: Array | None
+    slew_sd: float
+    radius_sd: float
+    rope_sd: float
+    clock_sd_s: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    def rope_at(self, time: Array) -> Array:
+        """Interpolate the rope's length at times (m,); NaN outside of the readings and in their gaps."""
+        assert self.rope is not None
+        return np.interp(time, self.time, self.rope, np.nan, np.nan)
+
+    def shifted(self, clock: ClockOffset) -> Controller:
+        """Apply the offset of the clock."""
+        return replace(self, time=self.time + clock.offset_s, clock_sd_s=clock.sd_s)
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """What is added to the controller's times to get those of the pictures.
+
+    Attributes
+    ----------
+    offset_s, sd_s : float
+    source : str
+        What determined it.
+    difference_m : float or None
+        Mean of the display's rope length less the controller's.
+    """
+
+    offset_s: float
+    sd_s: float
+    source: str
+    difference_m: float | None = None
+
+    @property
+    def interval_s(self) -> tuple[float, float]:
+        """Interval of 95 %."""
+        return self.offset_s - 1.96 * self.sd_s, self.offset_s + 1.96 * self.sd_s
+
+    @property
+    def note(self) -> str:
+        """A difference between the lengths that is too large to come from readings; mostly empty."""
+        if self.difference_m is None or abs(self.difference_m) <= MOST_CONSTANT_M:
+            return ""
+        return (
+            f"the display's rope length is {self.difference_m:+.2f} m from the controller's, which is used; one of "
+            "rope.constant_m in the controller's TOML and display_constant_m in the camera TOML is wrong"
+        )
+
+
+def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOffset:
+    """Estimate the offset of the controller's clock from the rope's length on the display.
+
+    The display's length is the controller's of some time before, and a constant. That time, which minimises the squared
+    differences, is the clock's offset and the display's delay (`DELAY_S`). It is combined with the stated offset of 0
+    ± ``clock_sd_s``.
+
+    Parameters
+    ----------
+    controller : Controller
+    time : ndarray, shape (n,)
+        Of the frames, s.
+    display : ndarray, shape (n,)
+        |OA| from the display, m; NaN where there is no reading.
+
+    Returns
+    -------
+    ClockOffset
+        The stated one if lengths cannot show it.
+
+    Raises
+    ------
+    RecordError
+        If the times have no overlap, or the lengths do not follow each other.
+    """
+    reach = min(4 * controller.clock_sd_s, MOST_SEARCH_S)
+    first, last = controller.time[[0, -1]]
+    if time[-1] < first - reach or time[0] > last + reach:
+        raise RecordError(
+            f"the controller's data and the frames have no time in common: {first:.1f} to {last:.1f} s and "
+            f"{time[0]:.1f} to {time[-1]:.1f} s; time.start in the controller's TOML is the time of the first frame"
+        )
+    known = np.flatnonzero(np.isfinite(display))
+    known = known[:: len(known) // MOST_READINGS + 1]
+    stated = ClockOffset(0.0, controller.clock_sd_s, "its description")
+    if controller.rope is None or len(known) < LEAST_READINGS:
+        return stated
+    t, length = time[known], display[known]
+
+    def misfit(delay: float) -> tuple[float, Array]:
+        error = length - controller.rope_at(t - delay)
+        both = np.isfinite(error)
+        return (float(np.var(error[both])) if 2 * both.sum() >= len(t) else math.inf), error
+
+    delays = np.arange(-reach, reach + 2 * DELAY_S + STEP_S / 2, STEP_S)
+    squares = [misfit(delay)[0] for delay in delays]
+    best = int(np.argmin(squares))
+    if not math.isfinite(squares[best]):
+        return stated
+    delay, error = float(delays[best]), misfit(delays[best])[1]
+    difference = float(np.nanmean(error))
+    if squares[best] > MOST_MISFIT_M**2:
+        raise RecordError(
+            f"the controller's rope length does not follow the display's: they differ by "
+            f"{math.sqrt(squares[best]):.1f} m beside a constant, with clocks up to {reach:g} s apart "
+            "(4 time.clock_sd_s); is it another record?"
+        )
+    for _ in range(3):  # Gauss–Newton
+        slope = (controller.rope_at(t - delay + STEP_S) - controller.rope_at(t - delay - STEP_S)) / (2 * STEP_S)
+        error = misfit(delay)[1]
+        both = np.isfinite(error) & np.isfinite(slope)
+        slope, error = slope[both] - slope[both].mean(), error[both] - error[both].mean()
+        information = float(slope @ slope)
+        if np.ptp(controller.rope_at(t[both] - delay)) < LEAST_HOIST_M or not information:
+            return replace(stated, difference_m=difference)
+        delay -= float(np.clip(slope @ error / information, -STEP_S, STEP_S))
+    sums = np.bincount(((t[both] - t[0]) / BLOCK_S).astype(np.int64), slope * error)
+    variance = float(sums @ sums) / information**2 + DELAY_SD_S**2
+    weight = controller.clock_sd_s**2 / (controller.clock_sd_s**2 + variance)
+    return ClockOffset(
+        weight * (delay - DELAY_S), math.sqrt(weight * variance), "the rope's length on the display", difference
+    )

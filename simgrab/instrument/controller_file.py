@@ -1,0 +1,364 @@
+"""Read the controller's data, CSV or parquet, as a TOML file describes them; refuse rows that cannot be right."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from simgrab.errors import RecordError
+from simgrab.instrument.controller import Controller
+from simgrab.instrument.estimate.tables import read_texts
+from simgrab.instrument.read import Hoist, consistent
+from simgrab.instrument.rope import bridged
+from simgrab.io.parse import read_toml, shown
+from simgrab.io.strict import Checked, convert
+from simgrab.model.geometry import Array
+
+DATA, DESCRIPTION = "data.csv", ".toml"
+MOST_ROWS = 2_000_000  # 55 hours at 10 Hz
+UNITS = {
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
+    "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048,
+    "deg": math.pi / 180, "rad": 1.0,
+}  # fmt: skip
+LENGTHS, ANGLES = ("m", "dm", "cm", "mm", "ft"), ("deg", "rad")
+LONGEST_M = 200.0
+# Lowest and highest value, SI, and the greatest speed: of rope and jib of any such crane, with much to spare.
+_LIMITS = {
+    "slew": (-1e5, 1e5, 0.5), "radius": (0.0, LONGEST_M, 2.0), "luff": (-0.2, 1.6, 0.2), "rope": (0.0, LONGEST_M, 3.0),
+}  # fmt: skip
+_MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
+_MOST_RATE = 3.0  # ratio of the stated rate to that of the readings
+Meta = msgspec.Meta
+Bad = NDArray[np.bool_]
+
+
+class ClockColumn(Checked, frozen=True, kw_only=True):
+    """Column of times.
+
+    Attributes
+    ----------
+    column : str
+    unit : str
+        ``"s"``, ``"ms"``, ``"us"``, ``"ns"``, or ``"iso"`` for texts such as 2026-03-02T08:15:00.25.
+    start : float or str
+        Time of the first frame, as the column has it.
+    clock_sd_s : float
+        Standard deviation of the difference between the two clocks.
+    """
+
+    error = RecordError
+
+    column: str
+    unit: Literal["s", "ms", "us", "ns", "iso"] = "s"
+    start: float | str = 0.0
+    clock_sd_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
+
+    def check(self) -> None:  # noqa: D102
+        if isinstance(self.start, str) != (self.unit == "iso"):
+            raise ValueError('start: must be the time of the first frame as the column has it, a text for unit = "iso"')
+        if isinstance(self.start, str):
+            _moment(self.start)
+
+
+class Quantity(Checked, frozen=True, kw_only=True):
+    """Column of a quantity.
+
+    Attributes
+    ----------
+    column : str
+    rate_hz : float
+        Readings a second.
+    resolution : float
+        Size of a count, in the column's unit.
+    lag_s, jitter_s : float
+        How late readings are stamped, and its standard deviation.
+    file : str
+        File beside the description, if the column is in another one.
+    """
+
+    error = RecordError
+
+    column: str
+    rate_hz: Annotated[float, Meta(gt=0, le=1000)]
+    resolution: Annotated[float, Meta(gt=0, le=1000)]
+    lag_s: Annotated[float, Meta(ge=-60, le=60)] = 0.0
+    jitter_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
+    file: str = ""
+
+    def check(self) -> None:
+        """Refuse files from elsewhere."""
+        if Path(self.file).is_absolute() or ".." in Path(self.file).parts:
+            raise ValueError(f"file: must be beside or below the description, got {shown(self.file)}")
+
+
+class Slew(Quantity, frozen=True, kw_only=True):
+    """Slewing angle: its zero does not matter; ``clockwise``, seen from above, where it grows that way."""
+
+    unit: Literal["deg", "rad"] = "deg"
+    clockwise: bool = False
+
+
+class Radius(Quantity, frozen=True, kw_only=True):
+    """Distance from the slewing axis to the rope exit O."""
+
+    unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
+
+
+class Luff(Quantity, frozen=True, kw_only=True):
+    """Angle of the jib above the horizontal: the radius is ``pivot_m`` + ``jib_m`` · cos(angle)."""
+
+    unit: Literal["deg", "rad"] = "deg"
+    jib_m: Annotated[float, Meta(gt=0, le=LONGEST_M)]
+    pivot_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
+
+
+class RopeLength(Quantity, frozen=True, kw_only=True):
+    """Length of the hoisting rope: |OA| less ``constant_m``."""
+
+    unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
+    constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
+
+
+class ControllerFacts(Checked, frozen=True, kw_only=True):
+    """Description of a controller's data: at least one quantity, and radius or luff, not both.
+
+    Attributes
+    ----------
+    time : ClockColumn
+    slew : Slew or None
+    radius : Radius or None
+    luff : Luff or None
+    rope : RopeLength or None
+    longest_gap_s : float
+        Readings further apart are not joined.
+    """
+
+    error = RecordError
+
+    time: ClockColumn
+    slew: Slew | None = None
+    radius: Radius | None = None
+    luff: Luff | None = None
+    rope: RopeLength | None = None
+    longest_gap_s: Annotated[float, Meta(gt=0, le=60)] = 2.0
+
+    def check(self) -> None:  # noqa: D102
+        if not any((self.slew, self.radius, self.luff, self.rope)):
+            raise ValueError("at least one of the tables slew, radius, luff and rope is needed")
+        if self.radius and self.luff:
+            raise ValueError("luff: leave it out, or radius, which follows from it")
+
+
+def read_controller(path: str | Path, facts: ControllerFacts | None = None) -> Controller:
+    """Read the controller's data.
+
+    Series of different rates are interpolated linearly at the times of the one with most readings.
+
+    Parameters
+    ----------
+    path : path
+        ``.parquet``, or else CSV with a header; a folder with ``data.csv``; or a description whose quantities name
+        their files.
+    facts : ControllerFacts, optional
+        By default read from the TOML file of the same name beside the data.
+
+    Raises
+    ------
+    RecordError
+        With one line that names the file, and the key, or the column and the row (the first is 1): for files that
+        cannot be read, missing columns, and where more than half of the readings are refused.
+    """
+    path = Path(path)
+    path = path / DATA if path.is_dir() else path
+    if facts is None:
+        toml = path.with_suffix(DESCRIPTION)
+        facts = convert(
+            read_toml(toml, RecordError, "description of the controller's data"), ControllerFacts, RecordError, toml
+        )
+    notes: list[str] = []
+    files: dict[Path, _Rows] = {}
+    series: dict[str, tuple[Array, Array, float]] = {}
+    for name in ("slew", "radius", "luff", "rope"):
+        quantity = getattr(facts, name)
+        if quantity is None:
+            continue
+        file = path.parent / quantity.file if quantity.file else path
+        if file.suffix.lower() == DESCRIPTION:
+            raise RecordError(f"{path}: {name}.file: is missing: which file the column is in")
+        if file not in files:
+            files[file] = _rows(file, facts.time, notes)
+        series["radius" if name == "luff" else name] = _series(files[file], name, quantity, notes)
+    grid = max((time for time, _, _ in series.values()), key=len)
+    holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
+    grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
+    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope"))
+    sds = dict.fromkeys(("slew_sd", "radius_sd", "rope_sd"), 0.0)
+    for name, (time, values, sd) in series.items():
+        inside = (grid >= time[0]) & (grid <= time[-1])
+        found[name] = np.where(inside, bridged(grid, time, values, facts.longest_gap_s), np.nan)
+        sds[f"{name}_sd"] = sd
+    return Controller(grid, **found, **sds, clock_sd_s=facts.time.clock_sd_s, notes=tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """A file's table, the rows whose times increase, and these times, s since the first frame."""
+
+    path: Path
+    table: pa.Table
+    kept: NDArray[np.int64]
+    time: Array
+
+
+@dataclass(frozen=True)
+class _Refusing:
+    """Counts refused readings of a column, and refuses the file if they are more than half."""
+
+    where: str
+    rows: NDArray[np.int64]
+    notes: list[str] = field(repr=False)
+
+    def __call__(self, values: Array, bad: Bad, reason: str, cure: str = "") -> Array:
+        """Return the values (n,) with NaN in place of bad ones (n,)."""
+        if not bad.any():
+            return values
+        count, total = int(bad.sum()), int((bad | np.isfinite(values)).sum())
+        first = int(self.rows[bad.argmax()]) + 1
+        line = f"{self.where}: {count} of {total} readings refused, the first in row {first}: {reason}"
+        if 2 * count > total:
+            raise RecordError(f"{line}{cure}")
+        self.notes.append(line)
+        return np.where(bad, np.nan, values)
+
+
+def _rows(path: Path, clock: ClockColumn, notes: list[str]) -> _Rows:
+    """Read a file and its times, of which the longest increasing sequence is kept."""
+    table = read_texts(path, [clock.column], clock.column)
+    if not 2 <= table.num_rows <= MOST_ROWS:
+        raise RecordError(f"{path}: {table.num_rows} rows; at least 2 are needed, and at most {MOST_ROWS} are read")
+    every = np.arange(table.num_rows)
+    refuse = _Refusing(f"{path}: time, column {clock.column!r}", every, notes)
+    if clock.unit == "iso":
+        assert isinstance(clock.start, str)
+        start = _moment(clock.start)
+        time, bad = _parsed(path, table, clock.column, lambda text: (_moment(text) - start).total_seconds())
+    else:
+        time, bad = _parsed(path, table, clock.column, float)
+        time = (time - float(clock.start)) * UNITS[clock.unit]
+    time = refuse(time, bad | ~np.isfinite(time), "not a time")
+    known = np.flatnonzero(np.isfinite(time))
+    kept = known[_increasing(time[known])]
+    back = np.isfinite(time)
+    back[kept] = False
+    refuse(time, back, "it does not increase")
+    return _Rows(path, table, kept, time[kept])
+
+
+def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Array, Array, float]:
+    """Return the readings of a quantity, SI: times (n,), values (n,) and the standard deviation of one."""
+    where, scale = f"{rows.path}: {name}, column {quantity.column!r}", UNITS[quantity.unit]
+    refuse = _Refusing(where, rows.kept, notes)
+    values, bad = (each[rows.kept] for each in _parsed(rows.path, rows.table, quantity.column, float))
+    raw = refuse(values, bad, "not a number")
+    low, high, speed = _LIMITS[name]
+    values = raw * scale + getattr(quantity, "constant_m", 0.0)
+    wrong = ~((values > low) & (values < high)) & np.isfinite(values)
+    values = refuse(
+        values, wrong, f"not between {low:g} and {high:g} {'m' if high == LONGEST_M else 'rad'}", _unit(name, raw)
+    )
+    known = np.isfinite(values)
+    time, values, at = rows.time[known], values[known], rows.kept[known]
+    if len(values) < 2:
+        raise RecordError(f"{where}: {len(values)} readings; at least 2 are needed")
+    every = float(np.median(np.diff(time)))
+    if not 1 / _MOST_RATE < every * quantity.rate_hz < _MOST_RATE:
+        raise RecordError(
+            f"{where}: a reading every {every:g} s, but {name}.rate_hz states {quantity.rate_hz:g} a second; "
+            "is time.unit right?"
+        )
+    if name == "slew":
+        values = np.unwrap(values) * (-1 if quantity.clockwise else 1)
+    hoist = Hoist(speed, 2 / quantity.rate_hz + 4 * quantity.jitter_s, quantity.resolution * scale)
+    fast = np.abs(np.diff(values)) > hoist.reach(np.diff(time))
+    what = f"faster than {speed:g} {'m/s' if high == LONGEST_M else 'rad/s'}"
+    if np.mean(fast) > _MOST_FAST:
+        raise RecordError(f"{where}: {100 * np.mean(fast):.0f} % of the steps are {what}; is {name}.unit right?")
+    believed = consistent(time, values, hoist) if fast.any() else np.ones(len(time), bool)
+    _Refusing(where, at, notes)(values, ~believed, what)
+    time, values = time[believed], values[believed]
+    moving = float(np.sqrt(np.mean((np.diff(values) / np.diff(time)) ** 2)))
+    sd = math.hypot(quantity.resolution * scale / math.sqrt(12), moving * quantity.jitter_s)
+    if name == "luff":
+        sd *= quantity.jib_m * float(np.sqrt(np.mean(np.sin(values) ** 2)))
+        values = quantity.pivot_m + quantity.jib_m * np.cos(values)
+    return time - quantity.lag_s, values, sd
+
+
+def _parsed(path: Path, table: pa.Table, name: str, parse: Any) -> tuple[Array, Bad]:
+    """Return a column as numbers (n,), NaN where empty, and which cells are something else (n,)."""
+    if table.column_names.count(name) != 1:
+        found = "duplicate" if name in table.column_names else "missing"
+        raise RecordError(f"{path}: column {name!r} is {found}; there are: {shown(', '.join(table.column_names))}")
+    column = table[name]
+    if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+        values = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), float)
+        return values, ~np.isfinite(values) & ~column.is_null().to_numpy(zero_copy_only=False)
+    if not pa.types.is_string(column.type):
+        try:
+            column = column.cast(pa.string())
+        except pa.ArrowException:
+            raise RecordError(f"{path}: column {name!r} has the unsupported type {column.type}") from None
+    values, bad = np.full(table.num_rows, np.nan), np.zeros(table.num_rows, bool)
+    for row, text in enumerate(column.to_pylist()):
+        if text is None or not text.strip():
+            continue
+        with suppress(ValueError, RecordError, OverflowError):
+            values[row] = parse(text)
+        bad[row] = not math.isfinite(values[row])
+    return values, bad
+
+
+def _moment(text: str) -> datetime:
+    """Read a date with a time; one without a zone is taken for UTC, in ``start`` and the column alike."""
+    try:
+        found = datetime.fromisoformat(text.strip())
+    except ValueError:
+        raise RecordError(f"start: must be such as 2026-03-02T08:15:00, got {shown(text)}") from None
+    return found if found.tzinfo else found.replace(tzinfo=UTC)
+
+
+def _increasing(time: Array) -> NDArray[np.int64]:
+    """Return the indices of a longest increasing sequence (Fredman 1975)."""
+    if (np.diff(time) > 0).all():
+        return np.arange(len(time))
+    ends: list[float] = []  # least end of a sequence of each length, and where it is
+    at: list[int] = []
+    before = np.full(len(time), -1)
+    for i, t in enumerate(time.tolist()):
+        k = bisect_left(ends, t)
+        before[i] = at[k - 1] if k else -1
+        ends[k : k + 1], at[k : k + 1] = [t], [i]
+    chain = [at[-1]]
+    while before[chain[-1]] >= 0:
+        chain.append(int(before[chain[-1]]))
+    return np.array(chain[::-1])
+
+
+def _unit(name: str, raw: Array) -> str:
+    """Suggest the units in which readings would be plausible."""
+    low, high, _ = _LIMITS[name]
+    middle = float(np.nanmedian(raw))
+    units = ANGLES if name in ("slew", "luff") else LENGTHS
+    fitting = [unit for unit in units if low < middle * UNITS[unit] < high]
+    return f"; {middle:g} would be plausible in {' or '.join(fitting)}: see {name}.unit" if fitting else ""
