@@ -33,6 +33,7 @@ UNITS = {
 }  # fmt: skip
 LENGTHS, ANGLES = ("m", "dm", "cm", "mm", "ft"), ("deg", "rad")
 LONGEST_M = 200.0
+_USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
 # Lowest and highest value, SI, and the greatest speed: of rope and jib of any such crane, with much to spare.
 _LIMITS = {
     "slew": (-1e5, 1e5, 0.5), "radius": (0.0, LONGEST_M, 2.0), "luff": (-0.2, 1.6, 0.2), "rope": (0.0, LONGEST_M, 3.0),
@@ -163,7 +164,8 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
 def read_controller(path: str | Path, facts: ControllerFacts | None = None) -> Controller:
     """Read the controller's data.
 
-    Series of different rates are interpolated linearly at the times of the one with most readings.
+    Series of different rates are interpolated linearly at the times of the one with most readings, and have a row of
+    NaN in each of its gaps beyond ``longest_gap_s``.
 
     Parameters
     ----------
@@ -205,9 +207,10 @@ def read_controller(path: str | Path, facts: ControllerFacts | None = None) -> C
     found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope"))
     sds = dict.fromkeys(("slew_sd", "radius_sd", "rope_sd"), 0.0)
     for name, (time, values, sd) in series.items():
-        inside = (grid >= time[0]) & (grid <= time[-1])
-        found[name] = np.where(inside, bridged(grid, time, values, facts.longest_gap_s), np.nan)
-        sds[f"{name}_sd"] = sd
+        joined = bridged(grid, time, values, facts.longest_gap_s)
+        joined[(grid < time[0]) | (grid > time[-1])] = np.nan
+        joined[holes + 1 + np.arange(len(holes))] = np.nan
+        found[name], sds[f"{name}_sd"] = joined, sd
     return Controller(grid, **found, **sds, clock_sd_s=facts.time.clock_sd_s, notes=tuple(notes))
 
 
@@ -347,6 +350,8 @@ def _increasing(time: Array) -> NDArray[np.int64]:
     before = np.full(len(time), -1)
     for i, t in enumerate(time.tolist()):
         k = bisect_left(ends, t)
+        if ends[k : k + 1] == [t]:  # of equal times the first is kept
+            continue
         before[i] = at[k - 1] if k else -1
         ends[k : k + 1], at[k : k + 1] = [t], [i]
     chain = [at[-1]]
@@ -357,8 +362,7 @@ def _increasing(time: Array) -> NDArray[np.int64]:
 
 def _unit(name: str, raw: Array) -> str:
     """Suggest the units in which readings would be plausible."""
-    low, high, _ = _LIMITS[name]
+    units, low, high = (ANGLES, *_LIMITS[name][:2]) if name in ("slew", "luff") else (LENGTHS, *_USUAL_M)
     middle = float(np.nanmedian(raw))
-    units = ANGLES if name in ("slew", "luff") else LENGTHS
     fitting = [unit for unit in units if low < middle * UNITS[unit] < high]
     return f"; {middle:g} would be plausible in {' or '.join(fitting)}: see {name}.unit" if fitting else ""

@@ -98,7 +98,7 @@ def test_sensors_change_no_scenario_of_a_picture_and_their_errors_follow_from_th
 
 @pytest.mark.parametrize("sensors", [("gps",), ("lidar", "imu"), ("imu", "imu")])
 def test_unknown_sensors_and_another_order_are_refused(sensors):
-    with pytest.raises(BenchError, match="sensors: must be some of imu, encoders, cameras, lidar, in this order"):
+    with pytest.raises(BenchError, match="sensors: must be some of imu, encoders, cameras, lidar, controller, in"):
         Season(sensors=sensors)
 
 
@@ -432,7 +432,7 @@ def test_without_the_rope_length_in_the_track_no_display_is_read(sensed, tmp_pat
     [
         (Pipeline(Middle(), Middle()), "picture+imu", "inertial-fusion needs the rope's length on the display"),
         (Pipeline(Middle(), Middle(), RopeAware()), "picture", "rope-aware needs the rope's length on the display"),
-        (Pipeline(Middle(), Middle()), "picture+rope+lidar", "uses the sensor imu0; there are: lidar0"),
+        (Pipeline(Middle(), Middle()), "picture+rope+lidar", "uses the sensors imu0 and plc; there are: lidar0"),
         (Still(), "picture+lidar", "still takes no sensors"),
     ],
 )  # fmt: skip

@@ -14,6 +14,7 @@ import simgrab
 from simgrab.dataset import sensor_files
 from simgrab.dataset.export import export
 from simgrab.errors import DatasetError
+from simgrab.instrument.controller_file import read_controller
 from simgrab.judge.audit.audit import _manifest_proof, _read
 from simgrab.model.scenario import HoistEncoder, Imu, Inclinometer, LuffEncoder, SlewEncoder
 
@@ -24,6 +25,7 @@ SENSORS = {
     "imu1": {"model": "imu", "mount": "camera", "noise": "mems", "rate_hz": 100.0},
     "tilt": {"model": "inclinometer", "mount": "jib-head"},
     "hoist": {"model": "hoist-encoder"},
+    "plc": {"model": "controller", "clock_offset_ms": 0.0},
 }
 
 
@@ -96,9 +98,24 @@ def test_slow_sensors_are_read_back(rendered, scene):
     assert about["resolution_m"] == 0.005
 
 
+def test_the_controllers_data_are_read_by_the_instrument_and_so_are_encoders(rendered, scene, tmp_path):
+    recorded = simgrab.sensors(scene, 1)
+    found, plc = read_controller(rendered / "sensors/clip_001/plc"), recorded["plc"]
+    np.testing.assert_allclose(found.time, plc.stamp_ns / 1e9 - 0.1)
+    assert np.abs(found.time - plc.true("time [s]")).max() < 0.05  # the jitter
+    np.testing.assert_allclose(np.degrees(found.slew), plc.values[:, 0])
+    np.testing.assert_allclose([found.radius, found.rope], plc.values[:, 1:].T)
+    shutil.copy(rendered / "sensors/clip_001/hoist/data.csv", tmp_path / "hoist.csv")
+    (tmp_path / "crane.toml").write_text("""
+        time = {column = "#timestamp [ns]", unit = "ns"}
+        rope = {column = "rope_length [m]", resolution = 0.005, rate_hz = 20.0, file = "hoist.csv"}
+    """)
+    np.testing.assert_allclose(read_controller(tmp_path / "crane.toml").rope, recorded["hoist"].values[:, 0])
+
+
 def test_truth_lies_apart_and_agrees_with_the_labels(rendered, scene):
     names = {path.name for path in (rendered / "sensors").rglob("*") if path.is_file()}
-    assert names == {"data.csv", "sensor.yaml"}
+    assert names == {"data.csv", "sensor.yaml", "data.toml"}
     with (rendered / "sensors_truth/clip_001/imu0/truth.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
     truth = np.array(rows, float)
@@ -115,7 +132,7 @@ def test_truth_lies_apart_and_agrees_with_the_labels(rendered, scene):
 def test_the_manifest_lists_the_files_and_an_audit_sees_one_that_was_changed(rendered, scene, tmp_path):
     files = json.loads((rendered / "manifest.json").read_text())["files"]
     found = digests(rendered)
-    assert len(found) == 2 * 4 * 3
+    assert len(found) == 2 * len(SENSORS) * 3
     assert {name: files[name] for name in found} == found
     assert sorted(found) == sorted(sensor_files.names(scene))
     again = simgrab.load(rendered / "manifest.json")

@@ -299,6 +299,25 @@ def test_encoders_count_what_the_crane_does():
     assert np.abs(off - slope * true - zero).max() < 0.005
 
 
+def test_a_controller_stamps_late_and_loses_stretches():
+    exact = {"model": "controller", "jitter_s": 0.0, "clock_offset_ms": 0.0, "clock_drift_ppm": 0.0, "lag_s": 0.25}
+    loses = {"model": "controller", "dropout": 0.3, "dropout_s": 0.7, "jitter_s": 0.2}
+    scenario = scene(BUSY, frames=180, exact=exact, loses=loses)
+    read = simgrab.sensors(scenario)
+    late = read["exact"].stamp_ns / 1e9 - read["exact"].true("time [s]")
+    near(late, np.full(len(late), 0.25), atol=1e-9)
+    course = Work(scenario, 0).sample(read["exact"].true("time [s]"))
+    near(read["exact"].true("slew [deg]"), np.degrees(course.slew), atol=1e-12)
+    near(read["exact"].true("radius [m]"), scenario.swing.radius_m + course.luffed, atol=1e-12)
+    near(read["exact"].values[:, 1] * 100, np.round(read["exact"].values[:, 1] * 100), atol=1e-6)
+    time = read["loses"].true("time [s]")
+    piece = (time / 0.7).astype(int)
+    whole = np.bincount((np.arange(200) / 10 / 0.7 + 1e-9).astype(int))
+    assert 0.1 < 1 - len(np.unique(piece)) / len(whole) < 0.6
+    assert (np.diff(read["loses"].stamp_ns) > 0).all()
+    assert np.std(read["loses"].stamp_ns / 1e9 - time) > 0.03
+
+
 def test_a_scenario_without_sensors_is_written_as_ever():
     assert "sensors" not in Scenario().to_dict()
     assert scene({}).digest() == scene({"sensors": {}}).digest()

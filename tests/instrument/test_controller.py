@@ -1,0 +1,291 @@
+"""The controller's data: one crane in any units, files that are wrong, and the clock's offset."""
+
+import dataclasses
+import sys
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import tomli_w
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simgrab.errors import RecordError, RunError
+from simgrab.instrument import pipeline as rooms
+from simgrab.instrument.controller import Controller, clock_offset
+from simgrab.instrument.controller_file import UNITS, ControllerFacts, read_controller
+from simgrab.instrument.estimate import RopeAware
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.run.run import _controller
+from simgrab.io.strict import convert
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import swinging
+
+TIME = np.arange(600) / 10
+SLEW, RADIUS = 0.3 + 1.5 * np.sin(TIME / 9), 22 + 3 * np.cos(TIME / 15)
+ROPE = 15 + 6 * np.sin(TIME / 7)
+JIB_M, PIVOT_M = 30.0, 1.5
+START = datetime(2026, 3, 2, 8, 15, tzinfo=UTC)
+
+
+def written(folder, columns, tables, parquet=False, **more):
+    """Write columns and their description; returns the data's path."""
+    path = folder / f"crane.{'parquet' if parquet else 'csv'}"
+    if parquet:
+        pq.write_table(pa.table(columns), path)
+    else:
+        rows = zip(*([str(cell) for cell in column] for column in columns.values()), strict=True)
+        path.write_text("\n".join(",".join(row) for row in [tuple(columns), *rows]) + "\n", encoding="utf-8")
+    path.with_suffix(".toml").write_text(tomli_w.dumps(tables | more), encoding="utf-8")
+    return path
+
+
+def quantity(column, unit, resolution=1e-3, **more):
+    return {"column": column, "unit": unit, "resolution": resolution, "rate_hz": 10.0} | more
+
+
+def plain(folder, change=lambda columns: columns, **tables):
+    """Write the crane in metres, degrees and seconds, after a change of its columns."""
+    columns = {"t": TIME, "slew": np.degrees(SLEW), "radius": RADIUS, "rope": ROPE}
+    about = {"time": {"column": "t"}, "slew": quantity("slew", "deg"), "radius": quantity("radius", "m")}
+    cells = change({name: [f"{value:.6f}" for value in values] for name, values in columns.items()})
+    return written(folder, cells, about | {"rope": quantity("rope", "m")} | tables)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    clock=st.sampled_from(["s", "ms", "us", "ns", "iso"]), angle=st.sampled_from(["deg", "rad"]),
+    length=st.sampled_from(["m", "dm", "cm", "mm", "ft"]), wrapped=st.booleans(), clockwise=st.booleans(),
+    luff=st.booleans(), constant=st.sampled_from([0.0, 2.5]), lag=st.sampled_from([0.0, 0.4]),
+    parquet=st.booleans(),
+)  # fmt: skip
+def test_one_crane_is_read_from_any_units(
+    tmp_path_factory, clock, angle, length, wrapped, clockwise, luff, constant, lag, parquet
+):
+    late = TIME + lag
+    times = late / UNITS.get(clock, 1) + 100
+    if clock == "iso":
+        times = [(START + timedelta(seconds=t)).isoformat() for t in late.tolist()]
+    slew = -SLEW if clockwise else SLEW
+    slew = np.mod(slew, 2 * np.pi) if wrapped else slew
+    columns = {"t": times, "slew": slew / UNITS[angle], "rope": (ROPE - constant) / UNITS[length]}
+    about = {"slew": quantity("slew", angle, clockwise=clockwise, lag_s=lag)}
+    about["time"] = {"column": "t", "unit": clock, "start": START.isoformat() if clock == "iso" else 100.0}
+    about["rope"] = quantity("rope", length, 0.01 / UNITS[length], constant_m=constant, lag_s=lag)
+    if luff:
+        columns["jib"] = np.arccos((RADIUS - PIVOT_M) / JIB_M) / UNITS[angle]
+        about["luff"] = quantity("jib", angle, jib_m=JIB_M, pivot_m=PIVOT_M, lag_s=lag)
+    else:
+        columns["jib"] = RADIUS / UNITS[length]
+        about["radius"] = quantity("jib", length, lag_s=lag)
+    found = read_controller(written(tmp_path_factory.mktemp("units"), columns, about, parquet))
+    np.testing.assert_allclose(found.time, TIME, atol=2e-6)
+    np.testing.assert_allclose(np.diff(found.slew), np.diff(SLEW), atol=1e-6)
+    np.testing.assert_allclose(found.radius, RADIUS, atol=1e-6)
+    np.testing.assert_allclose(found.rope, ROPE, atol=1e-6)
+    assert found.rope_sd == pytest.approx(0.01 / np.sqrt(12))
+    assert found.notes == ()
+
+
+def test_series_of_other_rates_and_gaps_are_put_together(tmp_path):
+    """The rope in a file of its own at 2 Hz, and silent from 20 to 30 s; slewing at 10 Hz, silent from 40 to 45 s."""
+    some = np.flatnonzero((TIME < 20) | (TIME > 30))[::5]
+    (tmp_path / "rope.csv").write_text("t,l\n" + "".join(f"{TIME[i]},{ROPE[i]}\n" for i in some), encoding="utf-8")
+    kept = (TIME < 40) | (TIME > 45)
+    about = {"time": {"column": "t"}, "slew": quantity("slew", "rad", jitter_s=0.02)}
+    about["rope"] = quantity("l", "m", file="rope.csv") | {"rate_hz": 2.0}
+    found = read_controller(written(tmp_path, {"t": TIME[kept], "slew": SLEW[kept]}, about))
+    assert found.radius is None
+    assert found.slew_sd == pytest.approx(0.02 * np.sqrt(np.mean(np.gradient(SLEW, TIME)[kept] ** 2)), rel=0.05)
+    at = np.arange(1, 59, 0.05)
+    known = found.rope_at(at)
+    silent = (at > 19.4) & (at < 30.2) | (at > 39.8) & (at < 45.2)
+    np.testing.assert_allclose(known[~silent], np.interp(at, TIME, ROPE)[~silent], atol=0.01)
+    assert np.isnan(known[(at > 19.7) & (at < 30) | (at > 40.1) & (at < 45)]).all()
+    assert np.isnan(np.interp(at, found.time, found.slew)[(at > 40.1) & (at < 45)]).all()
+
+
+def cell(name, row, text):
+    def changed(columns):
+        columns[name][row] = text
+        return columns
+
+    return changed
+
+
+def column(name, change):
+    return lambda columns: columns | {name: change(columns[name])}
+
+
+def texts(values):
+    return [f"{value:.6f}" for value in values]
+
+
+REFUSED_ROWS = {
+    "the clock jumps back for a second": (
+        column("t", lambda t: [*t[:300], *texts(TIME[300:] - 1)]),
+        "10 of 600 readings refused, the first in row 301: it does not increase",
+    ),
+    "the clock jumps ahead once": (cell("t", 9, "1e9"), "1 of 600 readings refused, the first in row 10: it does not"),
+    "a time twice": (cell("t", 9, "0.8"), "1 of 600 readings refused"),
+    "no time": (cell("t", 9, "nan"), "time, column 't': 1 of 600 readings refused, the first in row 10: not a time"),
+    "NaN": (cell("rope", 9, "nan"), "rope, column 'rope': 1 of 600 readings refused, the first in row 10: not a num"),
+    "text": (cell("slew", 9, "n/a"), "slew, column 'slew': 1 of 600 readings refused, the first in row 10: not a num"),
+    "infinity": (cell("radius", 9, "inf"), "radius, column 'radius': 1 of 600 readings refused"),
+    "a length that no rope has": (cell("rope", 9, "6553.5"), "the first in row 10: not between 0 and 200 m"),
+    "a length that the hoist cannot reach": (cell("rope", 9, "40"), "the first in row 10: faster than 3 m/s"),
+}
+
+
+@pytest.mark.parametrize("what", list(REFUSED_ROWS))
+def test_rows_that_cannot_be_right_are_refused_with_their_number(tmp_path, what):
+    change, told = REFUSED_ROWS[what]
+    found = read_controller(plain(tmp_path, change))
+    assert told in found.notes[0]
+    assert (np.diff(found.time) > 0).all()
+    if "jumps back" not in what:
+        assert len(found.notes) == 1
+        np.testing.assert_allclose(found.rope_at(TIME[1:-1]), ROPE[1:-1], atol=0.02)
+
+
+REFUSED = {
+    "no file": (lambda _p: None, {}, None, "No such file"),
+    "a column less": (lambda c: c, {"rope": quantity("hoist", "m")}, None, "'hoist' is missing; there are: 't, slew"),
+    "centimetres for metres": (
+        column("rope", lambda _c: texts(100 * ROPE)), {}, None,
+        "600 of 600 readings refused, the first in row 1: not between 0 and 200 m; 1722.11 would be plausible in cm:",
+    ),
+    "radians for degrees": (lambda c: c, {"slew": quantity("slew", "rad")}, None, "is slew.unit right?"),
+    "milliseconds for seconds": (column("t", lambda _c: texts(1000 * TIME)), {}, None, "is time.unit right?"),
+    "words alone": (column("rope", lambda c: ["on"] * len(c)), {}, None, "600 of 600 readings refused"),
+    "a clock that runs back": (column("t", lambda c: c[::-1]), {}, None, "599 of 600 readings refused"),
+    "one row": (lambda c: {name: cells[:1] for name, cells in c.items()}, {}, None, "1 rows; at least 2"),
+    "nothing": (lambda c: c, {}, "", "the file is empty"),
+    "no text": (lambda c: c, {}, b"\xff\xfe\x00t,slew\n", "invalid start byte"),
+    "an unknown key": (lambda c: c, {"speed": {}}, None, "speed: unknown key"),
+    "a wrong unit": (lambda c: c, {"rope": quantity("rope", "inch")}, None, "rope.unit: must be one of: m, dm, cm"),
+    "no rate": (lambda c: c, {"rope": {"column": "rope", "resolution": 0.01}}, None, "rope.rate_hz: missing"),
+    "nothing to read": (lambda c: c, {"slew": None, "radius": None, "rope": None}, None, "at least one of the tables"),
+    "radius and luff": (lambda c: c, {"luff": quantity("rope", "deg", jib_m=30.0)}, None, "luff: leave it out"),
+    "a date without a start": (lambda c: c, {"time": {"column": "t", "unit": "iso"}}, None, "start: must be the time"),
+    "a file from elsewhere": (lambda c: c, {"rope": quantity("t", "m", file="../x.csv")}, None, "beside or below"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", list(REFUSED))
+def test_hostile_files_are_one_line(tmp_path, what):
+    change, tables, content, told = REFUSED[what]
+    if what == "no file":
+        path = tmp_path / "crane.csv"
+    else:
+        path = plain(tmp_path, change)
+        about = {name: table for name, table in (tables_of(path) | tables).items() if table is not None}
+        path.with_suffix(".toml").write_text(tomli_w.dumps(about), encoding="utf-8")
+    if content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(RecordError) as caught:
+        read_controller(path)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def tables_of(path):
+    import tomllib
+
+    return tomllib.loads(path.with_suffix(".toml").read_text(encoding="utf-8"))
+
+
+def told(offset=0.0, clock_sd_s=5.0, rope=ROPE):
+    return Controller(TIME - offset, None, None, rope, 0.0, 0.0, 0.003, clock_sd_s)
+
+
+def displayed(time, delay):
+    """Lengths on a display that takes a new value five times a second."""
+    return np.round(np.interp(np.floor(time * 5) / 5 - delay, TIME, ROPE), 2)
+
+
+@pytest.mark.parametrize("offset", [-7.3, 0.0, 2.2])
+def test_the_clocks_offset_is_found_from_the_display_within_its_delay(offset):
+    frames = np.arange(5, 50, 1 / 9)
+    for delay in (0.0, 0.4, 0.8):  # and a tenth of a second more, for which the display holds a value
+        found = clock_offset(told(offset), frames, displayed(frames, delay) + 1.0)
+        assert found.offset_s == pytest.approx(offset + delay + 0.1 - 0.5, abs=0.05)
+        low, high = found.interval_s
+        assert low < offset < high
+        assert high - low < 1.3
+        assert found.difference_m == pytest.approx(1.0, abs=0.1)
+        assert "+1.0" in found.note
+    known = clock_offset(told(0.0, clock_sd_s=0.02), frames, displayed(frames, 0.8))
+    assert abs(known.offset_s) < 0.01
+
+
+def test_a_clock_that_lengths_cannot_show_is_the_stated_one():
+    frames = np.arange(5, 50, 1 / 9)
+    still = clock_offset(told(rope=np.full(len(TIME), 15.0)), frames, np.full(len(frames), 15.0))
+    none = clock_offset(told(rope=None), frames, np.full(len(frames), 15.0))
+    unread = clock_offset(told(), frames, np.full(len(frames), np.nan))
+    assert {(one.offset_s, one.sd_s, one.source) for one in (still, none, unread)} == {(0.0, 5.0, "its description")}
+
+
+def test_another_record_is_refused():
+    frames = np.arange(5, 50, 1 / 9)
+    with pytest.raises(RecordError, match=r"does not follow the display's: they differ by \d\.\d m"):
+        clock_offset(told(), frames, 30 - displayed(frames, 0.5))
+    with pytest.raises(RecordError, match=r"no time in common: 0\.0 to 59\.9 s and 100\.0 to .* time\.start"):
+        clock_offset(told(), frames + 95, displayed(frames, 0.5))
+
+
+def nobody(_picture):
+    raise AssertionError("no picture is to be looked at")
+
+
+def test_the_controllers_rope_replaces_a_display():
+    crane = swinging.record(frames=450)
+    camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
+    blind = [msgspec.structs.replace(s, rope_status="", hoist_m=None, rope_text=None) for s in crane.observations(1.0)]
+    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, notes=("one row refused",))
+    pipeline = Pipeline(nobody, None, controller=data)
+    found = pipeline.conclude(blind, camera)
+    expected = Pipeline(nobody, None, RopeAware(intervals=rooms.INTERVALS)).conclude
+    assert found.estimate.estimator == "rope-aware"
+    np.testing.assert_array_equal(found.arrays.rope.length, crane.rope)
+    assert found.clock.source == "its description"
+    with pytest.raises(RunError, match="there is none of the controller"):
+        expected(blind, camera)
+    half = dataclasses.replace(data, time=crane.time[:200], rope=crane.rope[:200])
+    late = dataclasses.replace(pipeline, controller=half).conclude(blind, camera).measurements[300]
+    assert (late.status, late.reason) == ("unread", "neither a display nor the controller states the rope's length")
+    about = _controller(pipeline, found.clock)
+    assert about["notes"] == ["one row refused"]
+    assert about["clock_offset_s"] == 0.0
+    with pytest.raises(RunError, match="follow each other in time"):
+        pipeline.conclude([msgspec.structs.replace(s, time_s=None) for s in blind], camera)
+
+
+def test_an_estimator_with_a_controller_gets_it_on_the_pictures_clock(monkeypatch):
+    @dataclasses.dataclass(frozen=True)
+    class Informed(RopeAware):
+        controller: Controller | None = None
+
+    crane, seen = swinging.record(frames=450), []
+    data = Controller(crane.time - 3.0, crane.time * 0, None, crane.rope, 0.0, 0.0, 0.003, clock_sd_s=5.0)
+    monkeypatch.setattr(Informed, "_conclude", lambda self, frames, camera: seen.append(self.controller) or
+                        RopeAware._conclude(self, frames, camera))  # fmt: skip
+    found = Pipeline(nobody, nobody, Informed(), controller=data).conclude(crane.observations(1.0), crane.calibration)
+    assert found.estimate.ok
+    assert found.clock.offset_s == pytest.approx(2.5, abs=0.1)  # the display of this record has no delay
+    np.testing.assert_allclose(seen[0].time, data.time + found.clock.offset_s)
+
+
+def test_a_description_is_a_value_too(tmp_path):
+    path = plain(tmp_path)
+    facts = convert(tables_of(path), ControllerFacts, RecordError)
+    path.with_suffix(".toml").unlink()
+    np.testing.assert_allclose(read_controller(path, facts).rope, ROPE, atol=1e-6)
+    with pytest.raises(RecordError, match=r"crane\.toml: No such file"):
+        read_controller(path)
