@@ -19,6 +19,7 @@ from simgrab.cli import cli
 from simgrab.dataset.sensor_files import yaml
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Frame, Measurement, TakesSensors
+from simgrab.instrument.controller_file import ControllerFacts
 from simgrab.instrument.estimate.inertial.readings import FORCE, RATE, STAMP
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.io.strict import convert
@@ -162,6 +163,13 @@ def test_the_instruments_page_holds_a_camera_that_loads(tmp_path):
     (block,) = blocks("toml", INSTRUMENT)
     (tmp_path / "camera.toml").write_text(block, encoding="utf-8")
     assert calibration.load(tmp_path / "camera.toml").digit_layout.digit_height_px == 34
+
+
+def test_the_page_on_measuring_describes_a_controller():
+    (block,) = blocks("toml", TEXTS["measuring.md"])
+    facts = convert(tomllib.loads(block), ControllerFacts)
+    assert facts.rope.constant_m == 2.5
+    assert facts.luff.jib_m == 30
 
 
 def test_the_page_on_sensors_records_what_it_says(capsys):
