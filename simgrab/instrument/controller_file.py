@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -34,9 +34,10 @@ UNITS = {
 LENGTHS, ANGLES = ("m", "dm", "cm", "mm", "ft"), ("deg", "rad")
 LONGEST_M = 200.0
 _USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
-# Lowest and highest value, SI, and the greatest speed: of rope and jib of any such crane, with much to spare.
+# Lowest and highest value and the greatest speed of any such crane, with much to spare, and the unit.
 _LIMITS = {
-    "slew": (-1e5, 1e5, 0.5), "radius": (0.0, LONGEST_M, 2.0), "luff": (-0.2, 1.6, 0.2), "rope": (0.0, LONGEST_M, 3.0),
+    "slew": (-1e5, 1e5, 0.5, "rad"), "radius": (0.0, LONGEST_M, 2.0, "m"), "luff": (-0.2, 1.6, 0.2, "rad"),
+    "rope": (0.0, LONGEST_M, 3.0, "m"),
 }  # fmt: skip
 _MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
 _MOST_RATE = 3.0  # ratio of the stated rate to that of the readings
@@ -204,14 +205,15 @@ def read_controller(path: str | Path, facts: ControllerFacts | None = None) -> C
     grid = max((time for time, _, _ in series.values()), key=len)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
-    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope"))
-    sds = dict.fromkeys(("slew_sd", "radius_sd", "rope_sd"), 0.0)
+    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope")) | dict.fromkeys(
+        ("slew_sd", "radius_sd", "rope_sd"), 0.0
+    )
     for name, (time, values, sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
         joined[holes + 1 + np.arange(len(holes))] = np.nan
-        found[name], sds[f"{name}_sd"] = joined, sd
-    return Controller(grid, **found, **sds, clock_sd_s=facts.time.clock_sd_s, notes=tuple(notes))
+        found |= {name: joined, f"{name}_sd": sd}
+    return Controller(grid, **found, clock_sd_s=facts.time.clock_sd_s, notes=tuple(notes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +232,7 @@ class _Refusing:
 
     where: str
     rows: NDArray[np.int64]
-    notes: list[str] = field(repr=False)
+    notes: list[str]
 
     def __call__(self, values: Array, bad: Bad, reason: str, cure: str = "") -> Array:
         """Return the values (n,) with NaN in place of bad ones (n,)."""
@@ -272,14 +274,12 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
     """Return the readings of a quantity, SI: times (n,), values (n,) and the standard deviation of one."""
     where, scale = f"{rows.path}: {name}, column {quantity.column!r}", UNITS[quantity.unit]
     refuse = _Refusing(where, rows.kept, notes)
-    values, bad = (each[rows.kept] for each in _parsed(rows.path, rows.table, quantity.column, float))
-    raw = refuse(values, bad, "not a number")
-    low, high, speed = _LIMITS[name]
+    cells, bad = _parsed(rows.path, rows.table, quantity.column, float)
+    raw = refuse(cells[rows.kept], bad[rows.kept], "not a number")
+    low, high, speed, unit = _LIMITS[name]
     values = raw * scale + getattr(quantity, "constant_m", 0.0)
     wrong = ~((values > low) & (values < high)) & np.isfinite(values)
-    values = refuse(
-        values, wrong, f"not between {low:g} and {high:g} {'m' if high == LONGEST_M else 'rad'}", _unit(name, raw)
-    )
+    values = refuse(values, wrong, f"not between {low:g} and {high:g} {unit}", _hint(name, raw[wrong]))
     known = np.isfinite(values)
     time, values, at = rows.time[known], values[known], rows.kept[known]
     if len(values) < 2:
@@ -294,7 +294,7 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
         values = np.unwrap(values) * (-1 if quantity.clockwise else 1)
     hoist = Hoist(speed, 2 / quantity.rate_hz + 4 * quantity.jitter_s, quantity.resolution * scale)
     fast = np.abs(np.diff(values)) > hoist.reach(np.diff(time))
-    what = f"faster than {speed:g} {'m/s' if high == LONGEST_M else 'rad/s'}"
+    what = f"faster than {speed:g} {unit}/s"
     if np.mean(fast) > _MOST_FAST:
         raise RecordError(f"{where}: {100 * np.mean(fast):.0f} % of the steps are {what}; is {name}.unit right?")
     believed = consistent(time, values, hoist) if fast.any() else np.ones(len(time), bool)
@@ -360,9 +360,9 @@ def _increasing(time: Array) -> NDArray[np.int64]:
     return np.array(chain[::-1])
 
 
-def _unit(name: str, raw: Array) -> str:
-    """Suggest the units in which readings would be plausible."""
+def _hint(name: str, raw: Array) -> str:
+    """Suggest the units in which readings (n,) would be plausible."""
     units, low, high = (ANGLES, *_LIMITS[name][:2]) if name in ("slew", "luff") else (LENGTHS, *_USUAL_M)
-    middle = float(np.nanmedian(raw))
+    middle = float(np.median(raw)) if len(raw) else math.nan
     fitting = [unit for unit in units if low < middle * UNITS[unit] < high]
     return f"; {middle:g} would be plausible in {' or '.join(fitting)}: see {name}.unit" if fitting else ""

@@ -522,7 +522,20 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     )
     assert said.exit_code == 0, said.output
     assert json.loads(said.output)["counts"]["ok"] > 40
+    told = "".join(f"{row.time_s},{row.rope_length_m}\n" for row in truth_of(clip))
+    (tmp_path / "crane.csv").write_text(f"t,l\n{told}4.0,15.0\n")
+    (tmp_path / "crane.toml").write_text(
+        'time = {column = "t"}\nrope = {column = "l", resolution = 0.01, rate_hz = 9.0}\n'
+    )
+    by_plc = ["run", str(clip), "--out", str(tmp_path / "d"), "--no-video", "--plc", "crane.csv"]
+    said = CliRunner().invoke(cli, by_plc)
+    assert said.exit_code == 0, said.output
+    known = json.loads((tmp_path / "d/run.json").read_text())
+    assert known["controller"]["clock_offset_s"] == pytest.approx(0, abs=1)
+    assert "1 of 44 readings refused, the first in row 44: it does not increase" in "".join(known["notes"])
+    assert "controller's clock" in said.output
     for arguments, told in (
+        (["--plc", str(tmp_path / "none.csv")], "none.toml: No such file"),
         (["--calibrate", "soon"], "invalid duration"),
         (["--estimator", "mode"], "mode"),
         (["--calibrate", "3s", "--live"], "calibrates continuously"),

@@ -10,7 +10,7 @@ from simgrab.model.geometry import Array
 from simgrab.model.scenario import Controller, HoistEncoder, LuffEncoder, SlewEncoder
 from simgrab.model.scenario.sensors import Encoder
 from simgrab.world.sensors.device import Device, SensorRows, Setting
-from simgrab.world.sensors.errors import SensorClock, SensorErrors
+from simgrab.world.sensors.errors import Open, SensorClock, SensorErrors
 from simgrab.world.sensors.motion import Motion
 
 COLUMNS = {SlewEncoder: "slew [deg]", LuffEncoder: "radius [m]", HoistEncoder: "rope_length [m]"}
@@ -51,15 +51,18 @@ class ControllerDevice(Device):
         super().__init__(replace(clock, offset=clock.offset + sensor.lag_s))
         self._sensor, self._jitter, self._loss = sensor, setting.opened("jitter"), setting.opened("loss")
         self._lost: list[bool] = []
-        self._errors = [
-            SensorErrors(1, lambda variable, name=name: setting.opened(f"{name}/{variable}"), **errors)
-            for name, errors in (
-                ("slew", {"bias": sensor.slew_zero_error_deg, "resolution": sensor.slew_resolution_deg}),
-                ("radius", {"bias": sensor.radius_zero_error_m, "resolution": sensor.radius_resolution_m}),
-                ("rope", {"bias": sensor.rope_zero_error_m, "resolution": sensor.rope_resolution_m,
-                          "scale_error": sensor.rope_scale_error}),
-            )
-        ]  # fmt: skip
+
+        def of(part: str) -> Open:
+            return lambda variable: setting.opened(f"{part}/{variable}")
+
+        self._errors = (
+            SensorErrors(1, of("slew"), bias=sensor.slew_zero_error_deg, resolution=sensor.slew_resolution_deg),
+            SensorErrors(1, of("radius"), bias=sensor.radius_zero_error_m, resolution=sensor.radius_resolution_m),
+            SensorErrors(
+                1, of("rope"), bias=sensor.rope_zero_error_m, scale_error=sensor.rope_scale_error,
+                resolution=sensor.rope_resolution_m,
+            ),
+        )  # fmt: skip
 
     def rows(self, motion: Motion) -> SensorRows:
         """Read the motion at the latest instants; the stamps keep their order."""
