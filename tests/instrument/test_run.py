@@ -532,7 +532,7 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     assert said.exit_code == 0, said.output
     known = json.loads((tmp_path / "d/run.json").read_text())
     assert known["controller"]["clock_offset_s"] == pytest.approx(0, abs=1)
-    assert "1 of 44 readings refused, the first in row 44: it does not increase" in "".join(known["notes"])
+    assert "1 of 45 readings refused, the first in row 45: it does not increase" in "".join(known["notes"])
     assert "controller's clock" in said.output
     for arguments, told in (
         (["--plc", str(tmp_path / "none.csv")], "none.toml: No such file"),
