@@ -126,6 +126,9 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
     RecordError
         If the times have no overlap, or the lengths do not follow each other.
     """
+    stated = ClockOffset(0.0, controller.clock_sd_s, "its description")
+    if not len(time):
+        return stated
     reach = min(4 * controller.clock_sd_s, MOST_SEARCH_S)
     first, last = controller.time[[0, -1]]
     if time[-1] < first - reach or time[0] > last + reach:
@@ -135,7 +138,6 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
         )
     known = np.flatnonzero(np.isfinite(display))
     known = known[:: len(known) // MOST_READINGS + 1]
-    stated = ClockOffset(0.0, controller.clock_sd_s, "its description")
     if controller.rope is None or len(known) < LEAST_READINGS:
         return stated
     t, length = time[known], display[known]

@@ -12,6 +12,7 @@ import pytest
 from simgrab.errors import CalibrationError, RecordError, RunError
 from simgrab.instrument import pipeline as rooms
 from simgrab.instrument.contract import Frame
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import ESTIMATORS, IntervalSettings, MeanRay, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.follow import Known, follow, known, load
 from simgrab.instrument.pipeline import Pipeline
@@ -160,7 +161,9 @@ def test_a_record_without_a_grab_is_refused_frame_by_frame(crane):
     found = made().conclude(few, crane.calibration)
     assert found.measurements[-1].status == "refused"
     assert "fewer than" in found.measurements[-1].reason
-    assert made().conclude([], crane.calibration).measurements == ()
+    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003)
+    for told in (None, data):
+        assert made(controller=told).conclude([], crane.calibration).measurements == ()
 
 
 class Scripted:
@@ -213,6 +216,14 @@ def test_a_live_record_ends_where_the_whole_one_does(crane):
     whole = degrees(made().conclude(observations, crane.calibration).measurements)
     assert np.abs(found - whole)[-90:].max() < 0.1
     assert rms(found - np.degrees(crane.alpha)) < 0.5
+
+
+def test_a_live_record_takes_the_controllers_rope(crane):
+    few, camera = crane.observations(1.0)[:200], msgspec.structs.replace(crane.calibration, digit_layout=None)
+    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003)
+    live = list(Pipeline(Scripted(few), None, controller=data).live(frames_of(few), camera))
+    np.testing.assert_allclose([one.measurement.rope_length_m for one in live], crane.rope[:200])
+    assert live[-1].tilt.estimator == "rope-aware"
 
 
 def test_a_live_record_carries_what_is_lost(crane):
