@@ -9,6 +9,7 @@ import scipy
 
 from simgrab.instrument.estimate.chain import Minimum, linear, prior
 from simgrab.instrument.estimate.frames import interpolated
+from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.pendulum import (
     DEGREES,
     NODE_S,
@@ -29,17 +30,19 @@ START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 
 @dataclass(frozen=True)
 class PendulumPriors:
-    """Mean and standard deviation of the static parameters, and the focal length.
+    """Mean and standard deviation of the static parameters, the focal length, and the jib's motion.
 
     Attributes
     ----------
-    mean, sd : ndarray, shape (7,)
+    mean, sd : ndarray, shape (15,)
     focal_px : float
+    jib : JibMotion
     """
 
     mean: Array
     sd: Array
     focal_px: float
+    jib: JibMotion
 
     def locked(self) -> PendulumPriors:
         """Lock the offset's height at its mean.
@@ -54,7 +57,7 @@ class PendulumPriors:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """A path (k, 6), the static parameters (7,), the strengths (3,), and their covariances."""
+    """A path (k, 6), the static parameters (15,), the strengths (3,), and their covariances."""
 
     path: Array
     parameters: Array
@@ -83,53 +86,58 @@ def fit(
     ----------
     nodes : Nodes
     path : ndarray, shape (k, 6)
-    parameters : ndarray, shape (7,)
+    parameters : ndarray, shape (15,)
     strengths : ndarray, shape (3,)
     priors : PendulumPriors
     searches : int
         Greatest number of steps with a search.
     """
-    converged = False
+    converged, free = False, np.ones(len(nodes.time) - 1)
     for done in range(ROUNDS):
-        posterior, *_ = _linearised(nodes, path, parameters, strengths, priors.locked())
+        posterior, *_ = _linearised(nodes, path, parameters, strengths, priors.locked(), free)
         if searches > 0 and done > 1:  # the first path is too rough to estimate strengths
             before, strengths = strengths, posterior.search(strengths, wide=done == 2)
             still = np.abs(strengths - before) < (np.inf, 0.03, 0.3)  # fast forcing may be anything once it is too weak
             searches = 0 if still.all() else searches - 1
+        if WEIGH and priors.jib.moves and done > 0 and (searches or done<3):
+            _, _, _, forces = _linearised(nodes, path, parameters, strengths, priors.locked(), free)
+            free = freedom(forces, np.diff(nodes.time))
+            posterior, *_ = _linearised(nodes, path, parameters, strengths, priors.locked(), free)
         best = posterior.at(strengths).minimise()
         path = path + best.states.reshape(path.shape)
         parameters = parameters + best.parameters
         converged = searches == 0 and float(np.abs(best.parameters[:2]).max()) < 1e-6
         if converged:
             break
-    posterior, weight, error2 = _linearised(nodes, path, parameters, strengths, priors)
+    posterior, weight, error2, _ = _linearised(nodes, path, parameters, strengths, priors, free)
     honest = strengths.copy()
     honest[NOISE] -= 0.5 * np.log(_information(weight, error2))
     return PendulumFit(path, parameters, strengths, weight, posterior.at(honest).minimise(), done + 1, converged)
 
 
 def _linearised(
-    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors
-) -> tuple[Weighed, Array, Array]:
+    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors, free: Array
+) -> tuple[Weighed, Array, Array, list[Array]]:
     """Linearise the posterior about a path; also return the pixels' weights and their squared errors over the noise."""
     k = len(path)
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
     links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()))
     joined = ~nodes.first[1:]
-    predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links)
+    predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
     ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
     fast, slow = (
         linear(-by_state, -by_parameter, predicted - path[1:], of_axes(np.asarray(np.linalg.inv(added)), at, STATE)
-               * joined[:, None, None], ahead)
+               * (joined * free)[:, None, None], ahead)
         for added, at in ((links.fast, 0), (links.slow, 4))
     )  # fmt: skip
+    forces = [np.einsum("ni,nij,nj->n", predicted - path[1:], of_axes(np.asarray(np.linalg.inv(added)), at, STATE), predicted - path[1:]) for added, at in ((links.fast, 0), (links.slow, 4))]
     starts, nothing = nodes.first[:, None], np.zeros_like(parameters)
     slow += prior(path, starts * np.repeat([0.0, 1.0], (4, 2)), nothing, nothing)
     fixed = prior(
         path, starts * np.repeat([START_SD**-2.0, 0.0], (4, 2)), parameters - priors.mean, np.asarray(priors.sd**-2.0)
     )
 
-    seen_at, by_state, by_parameter = derivatives_of_place(path, parameters, nodes.rope)
+    seen_at, by_state, by_parameter = derivatives_of_place(path, parameters, nodes.rope, nodes.time, priors.jib)
     error = nodes.place - seen_at
     error2 = np.sum(error**2, axis=-1) * nodes.seen * np.exp(-2 * strengths[NOISE])
     weight = nodes.seen * (DEGREES + 2) / (DEGREES + error2)
@@ -138,7 +146,7 @@ def _linearised(
     posterior = Weighed(
         fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), links_and_starts, priors.focal_px, 1e-9
     )
-    return posterior, weight, error2
+    return posterior, weight, error2, forces
 
 
 def _information(weight: Array, error2: Array) -> float:
@@ -146,3 +154,17 @@ def _information(weight: Array, error2: Array) -> float:
     slope = np.sum(weight - weight**2 * error2 / (DEGREES + 2))
     score = np.sum(weight**2 * error2) / 2
     return float(np.clip(slope**2 / max(score * weight.sum(), 1e-300), 0.1, 1.0))
+
+
+WEIGH = True
+WINDOW_S, BEYOND = 2.0, 9.0
+LEAST = 1e-5, 1e-6
+
+
+def freedom(forces, step):
+    across = max(int(WINDOW_S / np.median(step)), 1)
+    beyond = np.ones(len(step))
+    for force, number, least in zip(forces, (4, 2), LEAST):
+        force = scipy.ndimage.uniform_filter1d(force / number, across)
+        beyond = np.maximum(beyond, force / (BEYOND * max(2 * float(np.median(force)), least)))
+    return beyond**-2.0

@@ -7,25 +7,47 @@ from typing import ClassVar
 
 import numpy as np
 
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
 from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
-from simgrab.instrument.estimate.pendulum import DAMPING, DEGREES, OFFSET, STATE, STIFFNESS, THIN_S, TILT, Nodes
+from simgrab.instrument.estimate.jib import JibMotion
+from simgrab.instrument.estimate.pendulum import (
+    CLOCK,
+    DAMPING,
+    DEGREES,
+    FOLLOWS,
+    FREQUENCY,
+    LEVELLING,
+    LONGER,
+    LUFFING,
+    OFFSET,
+    PARAMETERS,
+    STATE,
+    STIFFNESS,
+    THIN_S,
+    TILT,
+    WIND,
+    Nodes,
+)
 from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array
+from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.records.estimates import Estimates, Intervals
 
 CUT_S = 20.0  # longer gaps are not bridged
+# Prior of how a camera follows apparent gravity: the share, and logarithms of frequency (rad/s) and damping ratio.
+FOLLOWING, FOLLOWING_SD = (0.5, np.log(np.pi), np.log(0.5)), (0.5, 0.7, 0.7)
+PITCH_SD = 0.03  # rad/m, of the pitch by luffing
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 
 @dataclass(frozen=True)
 class PendulumSmoother(PathEstimator):
-    """Extended Kalman filter and Rauch–Tung–Striebel pass, iterated, over a spherical pendulum of changing length.
+    r"""Extended Kalman filter and Rauch–Tung–Striebel pass, iterated, over a spherical pendulum of changing length.
 
     The unknowns are the path, the tilt, the offset (with the calibration's prior), damping and stiffness (with priors
     wide enough for a rigid grab), fast and slow forcing, and the noise of the pixels. The strengths of the last three
@@ -40,6 +62,15 @@ class PendulumSmoother(PathEstimator):
         Prior standard deviation of the relative error of gravity over length.
     tilt_sd : float
         Prior standard deviation of the tilt per axis, rad.
+    controller : Controller or None
+        What the crane reports of its motion during the record. Slewing and luffing drive the pendulum, and they tilt
+        the camera: β is its tilt where the jib rests at its mean radius.
+    longer_m, longer_sd_m : float
+        With a controller, prior of the length of the equivalent simple pendulum minus \|OA\|.
+    wind_sd : float
+        With a controller, prior standard deviation of the steady lean by wind, rad per axis.
+    clock_sd_s : float
+        Prior standard deviation of the controller's clock minus that of the pictures.
 
     Notes
     -----
@@ -55,17 +86,32 @@ class PendulumSmoother(PathEstimator):
     damping_sd: float = 0.005
     stiffness_sd: float = 0.003
     tilt_sd: float = 0.35
+    controller: Controller | None = None
+    longer_m: float = 0.4
+    longer_sd_m: float = 0.5
+    wind_sd: float = 0.006
+    clock_sd_s: float = 0.3
 
     def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
         rough = RopeAware().fit(frames, calibration)
         beta, azimuth = tilt_of(rough.down[0])
         focal_px, offset_sd = calibration.focal_length_px, max(calibration.offset_sd_m, 1e-4)
-        mean = np.array([0.0, 0.0, *calibration.offset_m, self.damping, 0.0])
-        sd = np.array([self.tilt_sd] * 2 + [offset_sd] * 3 + [self.damping_sd, self.stiffness_sd])
-        priors = PendulumPriors(mean, sd, focal_px)
-        start = np.array([beta * np.cos(azimuth), beta * np.sin(azimuth), *rough.offset[0], self.damping, 0.0])
+        mean, sd = np.zeros(PARAMETERS), np.full(PARAMETERS, 1e-6)
+        mean[OFFSET], mean[DAMPING] = calibration.offset_m, self.damping
+        sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = self.tilt_sd, offset_sd, self.damping_sd, self.stiffness_sd
+        jib = JibMotion.at_rest()
+        if self.controller is not None:
+            jib = JibMotion.of(self.controller)
+            mean[LONGER], mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = self.longer_m, *FOLLOWING
+            sd[LONGER], sd[WIND], sd[CLOCK], sd[LUFFING] = self.longer_sd_m, self.wind_sd, self.clock_sd_s, PITCH_SD
+            sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
+        priors = PendulumPriors(mean, sd, focal_px, jib)
+        start = mean.copy()
+        start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
+        heading = np.interp(frames.time, jib.time, jib.heading)
+        swing = np.einsum("nij,jn->ni", rotation_z(heading)[:, :2, :2], rough.swing[0])
         try:
-            nodes, found = self._fit(frames, rough.swing[0].T, start, priors)
+            nodes, found = self._fit(frames, swing, start, priors)
         except np.linalg.LinAlgError:
             return "the record's equations are singular"
         return self._found(nodes, found, focal_px) if found.converged else f"not converged in {ROUNDS} rounds"
@@ -108,6 +154,13 @@ class PendulumSmoother(PathEstimator):
                 "noise_px": np.exp(found.strengths[NOISE]) * focal_px,
                 "damping": found.parameters[DAMPING],
                 "stiffness": found.parameters[STIFFNESS],
+                "longer_m": found.parameters[LONGER],
+                "wind": float(np.hypot(*found.parameters[WIND])),
+                "clock_s": found.parameters[CLOCK],
+                "follows": found.parameters[FOLLOWS],
+                "frequency_hz": np.exp(found.parameters[FREQUENCY]) / (2 * np.pi),
+                "levelling_damping": np.exp(found.parameters[LEVELLING]),
+                "pitch": found.parameters[LUFFING],
                 "rounds": found.rounds,
                 "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
             },
