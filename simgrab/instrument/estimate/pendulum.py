@@ -178,9 +178,10 @@ def advance(x: Array, parameters: Array, links: Links, acceleration: Array | flo
 def camera(parameters: Array, time: Array, jib: JibMotion) -> tuple[Array, Array]:
     """Rotation (k, 3, 3) from the mount frame to the level frame, and the camera's offset (k, 3) in the latter."""
     time = time + parameters[CLOCK]
-    level_from_jib = rotation_z(np.interp(time, jib.time, jib.heading))
+    course = jib.at(time)
+    level_from_jib = rotation_z(course[:, 0])
     leans = parameters[FOLLOWS] * jib.levelled(*np.exp(parameters[[FREQUENCY, LEVELLING]]), time)
-    leans[:, 0] += parameters[LUFFING] * np.interp(time, jib.time, jib.luffed)
+    leans[:, 0] += parameters[LUFFING] * course[:, 1]
     leans += parameters[TILT]
     turn = level_from_jib @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
     return turn, level_from_jib @ parameters[OFFSET]

@@ -21,7 +21,7 @@ from simgrab.instrument.estimate.pendulum import (
     derivatives_of_place,
     of_axes,
 )
-from simgrab.instrument.estimate.strengths import NOISE, Weighed
+from simgrab.instrument.estimate.strengths import LEAST_FAST, LEAST_SLOW, NOISE, WINDOW_S, Weighed, excess
 from simgrab.model.geometry import Array
 
 SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
@@ -64,6 +64,7 @@ class PendulumFit:
     strengths: Array
     weight: Array
     minimum: Minimum
+    free: Array
     rounds: int
     converged: bool
 
@@ -78,7 +79,13 @@ def first_path(nodes: Nodes, swing: Array) -> Array:
 
 
 def fit(
-    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors, searches: int = SEARCHES
+    nodes: Nodes,
+    path: Array,
+    parameters: Array,
+    strengths: Array,
+    priors: PendulumPriors,
+    free: Array,
+    searches: int = SEARCHES,
 ) -> PendulumFit:
     """Gauss–Newton to the posterior mode, with a search for the strengths before each of the first steps.
 
@@ -89,48 +96,56 @@ def fit(
     parameters : ndarray, shape (15,)
     strengths : ndarray, shape (3,)
     priors : PendulumPriors
+    free : ndarray, shape (k − 1,)
+        Weights of the steps, which are kept unless a controller reports and ``searches`` is above 0.
     searches : int
         Greatest number of steps with a search.
     """
-    converged, free = False, np.ones(len(nodes.time) - 1)
+    converged = False
     for done in range(ROUNDS):
-        posterior, *_ = _linearised(nodes, path, parameters, strengths, priors.locked(), free)
+        weigh = priors.jib.moves and searches > 0 and done > 0
+        posterior, *_, free = _linearised(nodes, path, parameters, strengths, priors.locked(), free, weigh)
         if searches > 0 and done > 1:  # the first path is too rough to estimate strengths
             before, strengths = strengths, posterior.search(strengths, wide=done == 2)
             still = np.abs(strengths - before) < (np.inf, 0.03, 0.3)  # fast forcing may be anything once it is too weak
             searches = 0 if still.all() else searches - 1
-        if WEIGH and priors.jib.moves and done > 0 and (searches or done<3):
-            _, _, _, forces = _linearised(nodes, path, parameters, strengths, priors.locked(), free)
-            free = freedom(forces, np.diff(nodes.time))
-            posterior, *_ = _linearised(nodes, path, parameters, strengths, priors.locked(), free)
         best = posterior.at(strengths).minimise()
         path = path + best.states.reshape(path.shape)
         parameters = parameters + best.parameters
         converged = searches == 0 and float(np.abs(best.parameters[:2]).max()) < 1e-6
         if converged:
             break
-    posterior, weight, error2, _ = _linearised(nodes, path, parameters, strengths, priors, free)
+    posterior, weight, error2, _ = _linearised(nodes, path, parameters, strengths, priors, free, False)
     honest = strengths.copy()
     honest[NOISE] -= 0.5 * np.log(_information(weight, error2))
-    return PendulumFit(path, parameters, strengths, weight, posterior.at(honest).minimise(), done + 1, converged)
+    return PendulumFit(path, parameters, strengths, weight, posterior.at(honest).minimise(), free, done + 1, converged)
 
 
 def _linearised(
-    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors, free: Array
-) -> tuple[Weighed, Array, Array, list[Array]]:
-    """Linearise the posterior about a path; also return the pixels' weights and their squared errors over the noise."""
+    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors, free: Array, weigh: bool
+) -> tuple[Weighed, Array, Array, Array]:
+    """Linearise the posterior about a path.
+
+    Also return the pixels' weights, their squared errors over the noise, and the steps' weights, new ones if ``weigh``.
+    """
     k = len(path)
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
     links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()))
     joined = ~nodes.first[1:]
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
     ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
+    residual = predicted - path[1:]
+    precisions = [of_axes(np.linalg.inv(added), at, STATE) for added, at in ((links.fast, 0), (links.slow, 4))]
+    if weigh:
+        across = max(int(WINDOW_S / np.median(links.step)), 1)
+        beyond = (
+            excess(residual, *each, across)
+            for each in zip(precisions, (4, 2), (LEAST_FAST, LEAST_SLOW**2), strict=True)
+        )
+        free = np.maximum(1, np.maximum(*beyond)) ** -2.0
     fast, slow = (
-        linear(-by_state, -by_parameter, predicted - path[1:], of_axes(np.asarray(np.linalg.inv(added)), at, STATE)
-               * (joined * free)[:, None, None], ahead)
-        for added, at in ((links.fast, 0), (links.slow, 4))
-    )  # fmt: skip
-    forces = [np.einsum("ni,nij,nj->n", predicted - path[1:], of_axes(np.asarray(np.linalg.inv(added)), at, STATE), predicted - path[1:]) for added, at in ((links.fast, 0), (links.slow, 4))]
+        linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
+    )
     starts, nothing = nodes.first[:, None], np.zeros_like(parameters)
     slow += prior(path, starts * np.repeat([0.0, 1.0], (4, 2)), nothing, nothing)
     fixed = prior(
@@ -146,7 +161,7 @@ def _linearised(
     posterior = Weighed(
         fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), links_and_starts, priors.focal_px, 1e-9
     )
-    return posterior, weight, error2, forces
+    return posterior, weight, error2, free
 
 
 def _information(weight: Array, error2: Array) -> float:
@@ -154,17 +169,3 @@ def _information(weight: Array, error2: Array) -> float:
     slope = np.sum(weight - weight**2 * error2 / (DEGREES + 2))
     score = np.sum(weight**2 * error2) / 2
     return float(np.clip(slope**2 / max(score * weight.sum(), 1e-300), 0.1, 1.0))
-
-
-WEIGH = True
-WINDOW_S, BEYOND = 2.0, 9.0
-LEAST = 1e-5, 1e-6
-
-
-def freedom(forces, step):
-    across = max(int(WINDOW_S / np.median(step)), 1)
-    beyond = np.ones(len(step))
-    for force, number, least in zip(forces, (4, 2), LEAST):
-        force = scipy.ndimage.uniform_filter1d(force / number, across)
-        beyond = np.maximum(beyond, force / (BEYOND * max(2 * float(np.median(force)), least)))
-    return beyond**-2.0

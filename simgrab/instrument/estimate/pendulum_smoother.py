@@ -11,8 +11,8 @@ from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
-from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
 from simgrab.instrument.estimate.jib import JibMotion
+from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
 from simgrab.instrument.estimate.pendulum import (
     CLOCK,
     DAMPING,
@@ -108,8 +108,7 @@ class PendulumSmoother(PathEstimator):
         priors = PendulumPriors(mean, sd, focal_px, jib)
         start = mean.copy()
         start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
-        heading = np.interp(frames.time, jib.time, jib.heading)
-        swing = np.einsum("nij,jn->ni", rotation_z(heading)[:, :2, :2], rough.swing[0])
+        swing = np.einsum("nij,jn->ni", rotation_z(jib.at(frames.time)[:, 0])[:, :2, :2], rough.swing[0])
         try:
             nodes, found = self._fit(frames, swing, start, priors)
         except np.linalg.LinAlgError:
@@ -127,10 +126,11 @@ class PendulumSmoother(PathEstimator):
             thin = Nodes.of(frames, some, CUT_S)
             if thin.seen.sum() >= self.parameters:
                 path = first_path(thin, swing[some])
-                rough = fit(thin, path, start, strengths, priors)
+                rough = fit(thin, path, start, strengths, priors, np.ones(len(thin.time) - 1))
                 path = interpolated(nodes.time, thin.time, rough.path)
-                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0)
-        return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors)
+                free = rough.free[np.searchsorted(thin.time[1:-1], nodes.time[1:])]
+                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, free, 0)
+        return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors, np.ones(len(nodes.time) - 1))
 
     def _found(self, nodes: Nodes, found: PendulumFit, focal_px: float) -> EstimatedMotion:
         tilt, minimum = found.parameters[TILT], found.minimum
@@ -160,7 +160,7 @@ class PendulumSmoother(PathEstimator):
                 "follows": found.parameters[FOLLOWS],
                 "frequency_hz": np.exp(found.parameters[FREQUENCY]) / (2 * np.pi),
                 "levelling_damping": np.exp(found.parameters[LEVELLING]),
-                "pitch": found.parameters[LUFFING],
+                "pitch_per_m": found.parameters[LUFFING],
                 "rounds": found.rounds,
                 "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
             },
