@@ -15,6 +15,7 @@ from simgrab.instrument.estimate.pendulum import (
     NODE_S,
     OFFSET,
     STATE,
+    WIND,
     Links,
     Nodes,
     derivatives_of_advance,
@@ -25,6 +26,7 @@ from simgrab.instrument.estimate.strengths import LEAST_FAST, LEAST_SLOW, NOISE,
 from simgrab.model.geometry import Array
 
 SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
+STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 
 
@@ -57,7 +59,7 @@ class PendulumPriors:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """A path (k, 6), the static parameters (15,), the strengths (3,), and their covariances."""
+    """A path (k, 6), static parameters (15,), strengths (3,), weights of pixels (k,) and steps (k − 1,)."""
 
     path: Array
     parameters: Array
@@ -84,8 +86,8 @@ def fit(
     parameters: Array,
     strengths: Array,
     priors: PendulumPriors,
-    free: Array,
     searches: int = SEARCHES,
+    free: Array | None = None,
 ) -> PendulumFit:
     """Gauss–Newton to the posterior mode, with a search for the strengths before each of the first steps.
 
@@ -96,12 +98,13 @@ def fit(
     parameters : ndarray, shape (15,)
     strengths : ndarray, shape (3,)
     priors : PendulumPriors
-    free : ndarray, shape (k − 1,)
-        Weights of the steps, which are kept unless a controller reports and ``searches`` is above 0.
     searches : int
         Greatest number of steps with a search.
+    free : ndarray, shape (k − 1,), optional
+        Weights of the steps between nodes. While strengths are searched for and a controller reports, they follow from
+        the forces: a grab that digs does not swing freely.
     """
-    converged = False
+    converged, free = False, np.ones(len(nodes.time) - 1) if free is None else free
     for done in range(ROUNDS):
         weigh = priors.jib.moves and searches > 0 and done > 0
         posterior, *_, free = _linearised(nodes, path, parameters, strengths, priors.locked(), free, weigh)
@@ -137,17 +140,19 @@ def _linearised(
     residual = predicted - path[1:]
     precisions = [of_axes(np.linalg.inv(added), at, STATE) for added, at in ((links.fast, 0), (links.slow, 4))]
     if weigh:
-        across = max(int(WINDOW_S / np.median(links.step)), 1)
-        beyond = (
-            excess(residual, *each, across)
-            for each in zip(precisions, (4, 2), (LEAST_FAST, LEAST_SLOW**2), strict=True)
+        across = max(int(WINDOW_S / np.median(step)), 1)
+        beyond = np.maximum(
+            excess(residual, precisions[0], 4, LEAST_FAST, across),
+            excess(residual, precisions[1], 2, LEAST_SLOW**2, across),
         )
-        free = np.maximum(1, np.maximum(*beyond)) ** -2.0
+        free = np.maximum(1, beyond) ** -2.0
     fast, slow = (
         linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
     )
-    starts, nothing = nodes.first[:, None], np.zeros_like(parameters)
-    slow += prior(path, starts * np.repeat([0.0, 1.0], (4, 2)), nothing, nothing)
+    starts, steady = nodes.first[:, None], np.zeros_like(parameters)
+    if priors.jib.moves:
+        steady[WIND] = STEADY**-2.0
+    slow += prior(path, starts * np.repeat([0.0, 1.0], (4, 2)), parameters, steady)
     fixed = prior(
         path, starts * np.repeat([START_SD**-2.0, 0.0], (4, 2)), parameters - priors.mean, np.asarray(priors.sd**-2.0)
     )
@@ -157,9 +162,9 @@ def _linearised(
     error2 = np.sum(error**2, axis=-1) * nodes.seen * np.exp(-2 * strengths[NOISE])
     weight = nodes.seen * (DEGREES + 2) / (DEGREES + error2)
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
-    links_and_starts = int(joined.sum()) + int(nodes.first.sum())
+    leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
     posterior = Weighed(
-        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), links_and_starts, priors.focal_px, 1e-9
+        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9
     )
     return posterior, weight, error2, free
 

@@ -41,13 +41,21 @@ from simgrab.model.records.estimates import Estimates, Intervals
 CUT_S = 20.0  # longer gaps are not bridged
 # Prior of how a camera follows apparent gravity: the share, and logarithms of frequency (rad/s) and damping ratio.
 FOLLOWING, FOLLOWING_SD = (0.5, np.log(np.pi), np.log(0.5)), (0.5, 0.7, 0.7)
+FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
+MOST_WIND = 0.05  # rad, of the steady lean by wind, beside what gusts tell
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
+SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 
 @dataclass(frozen=True)
 class PendulumSmoother(PathEstimator):
     r"""Extended Kalman filter and Rauch–Tung–Striebel pass, iterated, over a spherical pendulum of changing length.
+
+    A controller's readings drive the pendulum by the acceleration of O, and the camera's tilt is a constant and two
+    motions of unknown size: a damped pendulum's, which follows apparent gravity, and a pitch with the radius. So one
+    model holds for cameras that level themselves, are bolted to the fly-jib, or do not move. Steady wind keeps its
+    direction over the ground while the jib slews, which distinguishes it from tilt.
 
     The unknowns are the path, the tilt, the offset (with the calibration's prior), damping and stiffness (with priors
     wide enough for a rigid grab), fast and slow forcing, and the noise of the pixels. The strengths of the last three
@@ -67,8 +75,6 @@ class PendulumSmoother(PathEstimator):
         the camera: β is its tilt where the jib rests at its mean radius.
     longer_m, longer_sd_m : float
         With a controller, prior of the length of the equivalent simple pendulum minus \|OA\|.
-    wind_sd : float
-        With a controller, prior standard deviation of the steady lean by wind, rad per axis.
     clock_sd_s : float
         Prior standard deviation of the controller's clock minus that of the pictures.
 
@@ -77,6 +83,10 @@ class PendulumSmoother(PathEstimator):
     Frames without a pixel get an α too. σ describes this record; only its blocks show how well it represents other
     records. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (slow forcing, rad per axis),
     ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``outliers`` (frames that lost nine tenths of their weight).
+    With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` (the controller's clock minus that of
+    the pictures), of the camera ``follows`` (share of apparent gravity, 1 if it levels itself and 0 if not),
+    ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad), and ``not_free`` (share of the record
+    in which the grab does not swing freely: digging).
     """
 
     name: ClassVar[str] = "pendulum-smoother"
@@ -89,10 +99,10 @@ class PendulumSmoother(PathEstimator):
     controller: Controller | None = None
     longer_m: float = 0.4
     longer_sd_m: float = 0.5
-    wind_sd: float = 0.006
     clock_sd_s: float = 0.3
 
     def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
+        assert frames.time is not None
         rough = RopeAware().fit(frames, calibration)
         beta, azimuth = tilt_of(rough.down[0])
         focal_px, offset_sd = calibration.focal_length_px, max(calibration.offset_sd_m, 1e-4)
@@ -101,9 +111,14 @@ class PendulumSmoother(PathEstimator):
         sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = self.tilt_sd, offset_sd, self.damping_sd, self.stiffness_sd
         jib = JibMotion.at_rest()
         if self.controller is not None:
+            (begin, end), (first, last) = self.controller.time[[0, -1]], frames.time[[0, -1]]
+            if begin > first + SILENT_S or end < last - SILENT_S:
+                return (
+                    f"the controller reports from {begin:.1f} to {end:.1f} s, frames from {first:.1f} to {last:.1f} s"
+                )
             jib = JibMotion.of(self.controller)
             mean[LONGER], mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = self.longer_m, *FOLLOWING
-            sd[LONGER], sd[WIND], sd[CLOCK], sd[LUFFING] = self.longer_sd_m, self.wind_sd, self.clock_sd_s, PITCH_SD
+            sd[LONGER], sd[WIND], sd[CLOCK], sd[LUFFING] = self.longer_sd_m, MOST_WIND, self.clock_sd_s, PITCH_SD
             sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
         priors = PendulumPriors(mean, sd, focal_px, jib)
         start = mean.copy()
@@ -126,11 +141,11 @@ class PendulumSmoother(PathEstimator):
             thin = Nodes.of(frames, some, CUT_S)
             if thin.seen.sum() >= self.parameters:
                 path = first_path(thin, swing[some])
-                rough = fit(thin, path, start, strengths, priors, np.ones(len(thin.time) - 1))
+                rough = fit(thin, path, start, strengths, priors)
                 path = interpolated(nodes.time, thin.time, rough.path)
                 free = rough.free[np.searchsorted(thin.time[1:-1], nodes.time[1:])]
-                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, free, 0)
-        return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors, np.ones(len(nodes.time) - 1))
+                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0, free)
+        return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors)
 
     def _found(self, nodes: Nodes, found: PendulumFit, focal_px: float) -> EstimatedMotion:
         tilt, minimum = found.parameters[TILT], found.minimum
@@ -154,16 +169,10 @@ class PendulumSmoother(PathEstimator):
                 "noise_px": np.exp(found.strengths[NOISE]) * focal_px,
                 "damping": found.parameters[DAMPING],
                 "stiffness": found.parameters[STIFFNESS],
-                "longer_m": found.parameters[LONGER],
-                "wind": float(np.hypot(*found.parameters[WIND])),
-                "clock_s": found.parameters[CLOCK],
-                "follows": found.parameters[FOLLOWS],
-                "frequency_hz": np.exp(found.parameters[FREQUENCY]) / (2 * np.pi),
-                "levelling_damping": np.exp(found.parameters[LEVELLING]),
-                "pitch_per_m": found.parameters[LUFFING],
                 "rounds": found.rounds,
                 "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
-            },
+            }
+            | (_of_jib(found) if self.controller is not None else {}),
         )
 
     def _state(self, frames: Frames, motion: EstimatedMotion) -> Estimates:
@@ -180,3 +189,17 @@ class PendulumSmoother(PathEstimator):
             ends = iv.of_scale(found.sigma, variance, np.zeros(1), iv.student(level, np.array([blocks - 1.0])))
         by_blocks = Intervals("blocks", level, None, ends, None, blocks, note)
         return replace(found, intervals=(*found.intervals, by_blocks))
+
+
+def _of_jib(found: PendulumFit) -> dict[str, float]:
+    p = found.parameters
+    return {
+        "wind": float(np.hypot(*p[WIND])),
+        "longer_m": p[LONGER],
+        "clock_s": p[CLOCK],
+        "follows": p[FOLLOWS],
+        "levelling_hz": np.exp(p[FREQUENCY]) / (2 * np.pi),
+        "levelling_damping": np.exp(p[LEVELLING]),
+        "pitch_per_m": p[LUFFING],
+        "not_free": float(np.mean(found.free < FREE)),
+    }
