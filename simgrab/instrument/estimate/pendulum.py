@@ -180,7 +180,7 @@ def camera(parameters: Array, time: Array, jib: JibMotion) -> tuple[Array, Array
     time = time + parameters[CLOCK]
     course = jib.at(time)
     level_from_jib = rotation_z(course[:, 0])
-    leans = parameters[FOLLOWS] * jib.levelled(*np.exp(parameters[[FREQUENCY, LEVELLING]]), time)
+    leans = parameters[FOLLOWS] * jib.levelled(np.exp(parameters[FREQUENCY]), np.exp(parameters[LEVELLING]), time)
     leans[:, 0] += parameters[LUFFING] * course[:, 1]
     leans += parameters[TILT]
     turn = level_from_jib @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))

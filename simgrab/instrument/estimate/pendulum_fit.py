@@ -138,7 +138,9 @@ def _linearised(
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
     ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
     residual = predicted - path[1:]
-    precisions = [of_axes(np.linalg.inv(added), at, STATE) for added, at in ((links.fast, 0), (links.slow, 4))]
+    precisions = [
+        of_axes(np.asarray(np.linalg.inv(added)), at, STATE) for added, at in ((links.fast, 0), (links.slow, 4))
+    ]
     if weigh:
         across = max(int(WINDOW_S / np.median(step)), 1)
         beyond = np.maximum(
