@@ -16,13 +16,17 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Swinging:
-    """A record of n frames: true times, pixels (n, 2), rope lengths, swings (rad), and the camera as it is known."""
+    """A record of n frames: true times, pixels (n, 2), rope lengths, swings (rad), and the camera as it is known.
+
+    ``jib`` (n, 2) holds slew angle, rad, and radius, m.
+    """
 
     time: np.ndarray
     pixels: np.ndarray
     rope: np.ndarray
     alpha: np.ndarray
     beta: np.ndarray
+    jib: np.ndarray
     calibration: Calibration
 
     def observations(self, noise_px=0.0, seed=0):
@@ -50,6 +54,7 @@ def _made(scene, changes):
         np.array([m.grab.rope_length for m in moments]),
         np.array([m.grab.alpha for m in moments]),
         np.array([m.tilt.beta for m in moments]),
+        np.array([(m.jib.slew, m.jib.radius) for m in moments]),
         calibration_of(scenario),
     )
 

@@ -3,11 +3,13 @@
 s is the horizontal part of the unit vector n from O to A. p is the angular momentum per mass about O, turned so that
 p = l²ṡ for small swings, over a fixed length squared. Since gravity's moment about O is n × g⃗ l for any motion of the
 rope, ``ṗ = −g l s`` holds at every amplitude. The rate of l, which a display in centimetres does not give, is not
-needed. a is the slow part of the forcing, wind and the jib's own acceleration over g: the place where the pendulum
+needed. a is the slow part of the forcing, gusts and unknown acceleration of O over g: the place where the pendulum
 would come to rest. Its correlation decays exponentially.
 
-`PendulumSmoother` has states ``(s_x, s_y, p_x, p_y, a_x, a_y)`` in the jib frame, whose model is in this module;
-`simgrab.instrument.estimate.inertial.model` puts the same pendulum below a camera that turns and accelerates.
+`PendulumSmoother` has states ``(s_x, s_y, p_x, p_y, a_x, a_y)``, whose model is in this module, in a level frame that
+does not turn with the jib. `JibMotion` gives the jib's heading in it, the acceleration of O, and how these lean the
+camera; all are 0 where no controller reports them. `simgrab.instrument.estimate.inertial.model` puts the same pendulum
+below a camera whose motion an inertial sensor measures.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from numpy.typing import NDArray
 
 from simgrab.instrument.estimate.chain import jacobian
 from simgrab.instrument.estimate.frames import Frames
-from simgrab.model.geometry import Array, lean
+from simgrab.instrument.estimate.jib import JibMotion
+from simgrab.model.geometry import Array, lean, rotation_z
 
 NODE_S = 0.35  # longer steps between frames are divided
 THIN_S = 0.3  # strengths are searched for on frames that are this far apart
@@ -29,7 +32,11 @@ GRAVITY = 9.81  # m/s²; the frequency parameter takes up what is wrong with it
 
 # Static parameters, in order: tilt (β cos azimuth, β sin azimuth), offset (3), damping ratio, relative stiffness.
 TILT, OFFSET, DAMPING, STIFFNESS = slice(0, 2), slice(2, 5), 5, 6
-PARAMETERS = 7
+# With a controller also: the pendulum's length minus |OA| (m), steady lean by wind (2, level frame), the controller's
+# clock minus the pictures' (s), and of the camera the share of apparent gravity that it follows, logarithms of its
+# frequency (rad/s) and of its damping ratio, and its pitch by luffing (rad/m).
+LONGER, WIND, CLOCK, FOLLOWS, FREQUENCY, LEVELLING, LUFFING = 7, slice(8, 10), 10, 11, 12, 13, 14
+PARAMETERS = 15
 STATE = 6
 
 
@@ -136,43 +143,76 @@ def seen_from(turn: Array, s: Array, rope: Array, offset: Array) -> Array:
     return np.asarray(local[:, :2] / -local[:, 2:])
 
 
-def _rates(x: Array, parameters: Array, rope: Array, length: float) -> Array:
+def _rates(x: Array, parameters: Array, rope: Array, length: float, acceleration: Array | float) -> Array:
     s, p, a = x[:, :2], x[:, 2:4] * length**2, x[:, 4:]
-    turn, _ = turning(s, p, rope)
+    turn, nz = turning(s, p, rope)
     gravity = GRAVITY * rope * (1 + parameters[STIFFNESS])
     drag = 2 * parameters[DAMPING] * np.sqrt(GRAVITY / rope)
-    torque = gravity[:, None] * (a - s) - drag[:, None] * p
+    torque = gravity[:, None] * (a + parameters[WIND] - s) + (rope * nz)[:, None] * acceleration - drag[:, None] * p
     return np.concatenate([turn, torque / length**2, np.zeros_like(a)], axis=-1)
 
 
-def advance(x: Array, parameters: Array, links: Links) -> Array:
-    """Advance states (k, 6) by one step of the fourth-order Runge-Kutta method; parameters (7,)."""
+def advance(x: Array, parameters: Array, links: Links, acceleration: Array | float = 0.0) -> Array:
+    """Advance states (k, 6) by one step of the fourth-order Runge-Kutta method.
+
+    Parameters
+    ----------
+    x : ndarray, shape (k, 6)
+    parameters : ndarray, shape (15,)
+    links : Links
+    acceleration : ndarray, shape (k, 2), or float
+        Of O, m/s².
+    """
     h = links.step[:, None]
-    middle = (links.before + links.after) / 2
-    a = _rates(x, parameters, links.before, links.length)
-    b = _rates(x + h / 2 * a, parameters, middle, links.length)
-    c = _rates(x + h / 2 * b, parameters, middle, links.length)
-    d = _rates(x + h * c, parameters, links.after, links.length)
+    before, after = links.before + parameters[LONGER], links.after + parameters[LONGER]
+    middle, fixed = (before + after) / 2, (links.length, acceleration)
+    a = _rates(x, parameters, before, *fixed)
+    b = _rates(x + h / 2 * a, parameters, middle, *fixed)
+    c = _rates(x + h / 2 * b, parameters, middle, *fixed)
+    d = _rates(x + h * c, parameters, after, *fixed)
     result = x + h / 6 * (a + 2 * b + 2 * c + d)
     result[:, 4:] *= np.exp(-h / MEMORY_S)
     return np.asarray(result)
 
 
-def place(s: Array, parameters: Array, rope: Array) -> Array:
-    """Position of the grab in the picture, as `seen_from` gives it, for swings s (k, 2)."""
-    tilt = parameters[TILT]
-    return seen_from(lean(np.hypot(*tilt), np.arctan2(tilt[1], tilt[0])), s, rope, parameters[OFFSET])
+def camera(parameters: Array, time: Array, jib: JibMotion) -> tuple[Array, Array]:
+    """Rotation (k, 3, 3) from the mount frame to the level frame, and the camera's offset (k, 3) in the latter."""
+    time = time + parameters[CLOCK]
+    course = jib.at(time)
+    level_from_jib = rotation_z(course[:, 0])
+    leans = parameters[FOLLOWS] * jib.levelled(np.exp(parameters[FREQUENCY]), np.exp(parameters[LEVELLING]), time)
+    leans[:, 0] += parameters[LUFFING] * course[:, 1]
+    leans += parameters[TILT]
+    turn = level_from_jib @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
+    return turn, level_from_jib @ parameters[OFFSET]
 
 
-def derivatives_of_advance(x: Array, parameters: Array, links: Links) -> tuple[Array, Array, Array]:
-    """States after one step (k, 6), and their derivatives by the state (k, 6, 6) and the parameters (k, 6, 7)."""
-    by_state = jacobian(lambda e: advance(x + e, parameters, links), STATE)
-    by_parameter = jacobian(lambda e: advance(x, parameters + e, links), PARAMETERS, (DAMPING, STIFFNESS))
-    return advance(x, parameters, links), by_state, by_parameter
+def derivatives_of_advance(
+    x: Array, parameters: Array, links: Links, time: Array, jib: JibMotion
+) -> tuple[Array, Array, Array]:
+    """States (k − 1, 6) after the steps between times (k,), and derivatives by state (…, 6) and parameters (…, 15)."""
+
+    def led(e: Array) -> Array:
+        p = parameters + e
+        return advance(x, p, links, jib.acceleration(time + p[CLOCK]))
+
+    known = jib.acceleration(time + parameters[CLOCK])
+    by_state = jacobian(lambda e: advance(x + e, parameters, links, known), STATE)
+    by_parameter = jacobian(led, PARAMETERS, range(DAMPING, CLOCK + 1 if jib.moves else LONGER))
+    return advance(x, parameters, links, known), by_state, by_parameter
 
 
-def derivatives_of_place(x: Array, parameters: Array, rope: Array) -> tuple[Array, Array, Array]:
-    """Places (k, 2), and their derivatives by the state (k, 2, 6) and the parameters (k, 2, 7)."""
-    by_state = jacobian(lambda e: place((x + e)[:, :2], parameters, rope), STATE, (0, 1))
-    by_parameter = jacobian(lambda e: place(x[:, :2], parameters + e, rope), PARAMETERS, range(OFFSET.stop))
-    return place(x[:, :2], parameters, rope), by_state, by_parameter
+def derivatives_of_place(
+    x: Array, parameters: Array, rope: Array, time: Array, jib: JibMotion
+) -> tuple[Array, Array, Array]:
+    """Places (k, 2), and their derivatives by the state (k, 2, 6) and the parameters (k, 2, 15)."""
+    turn, offset = camera(parameters, time, jib)
+
+    def seen(e: Array) -> Array:
+        changed, at = camera(parameters + e, time, jib)
+        return seen_from(changed, x[:, :2], rope, at)
+
+    by_state = jacobian(lambda e: seen_from(turn, (x + e)[:, :2], rope, offset), STATE, (0, 1))
+    of_jib = range(CLOCK, PARAMETERS) if jib.moves else ()
+    by_parameter = jacobian(seen, PARAMETERS, (*range(OFFSET.stop), *of_jib))
+    return seen_from(turn, x[:, :2], rope, offset), by_state, by_parameter

@@ -9,37 +9,42 @@ import scipy
 
 from simgrab.instrument.estimate.chain import Minimum, linear, prior
 from simgrab.instrument.estimate.frames import interpolated
+from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.pendulum import (
     DEGREES,
     NODE_S,
     OFFSET,
     STATE,
+    WIND,
     Links,
     Nodes,
     derivatives_of_advance,
     derivatives_of_place,
     of_axes,
 )
-from simgrab.instrument.estimate.strengths import NOISE, Weighed
+from simgrab.instrument.estimate.strengths import LEAST_FAST, LEAST_SLOW, NOISE, WINDOW_S, Weighed, excess
 from simgrab.model.geometry import Array
 
 SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
+STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 
 
 @dataclass(frozen=True)
 class PendulumPriors:
-    """Mean and standard deviation of the static parameters, and the focal length.
+    """Mean and standard deviation of the static parameters, the focal length, and the jib's motion.
 
     Attributes
     ----------
-    mean, sd : ndarray, shape (7,)
+    mean, sd : ndarray, shape (15,)
     focal_px : float
+    jib : JibMotion
     """
 
     mean: Array
     sd: Array
     focal_px: float
+    jib: JibMotion
 
     def locked(self) -> PendulumPriors:
         """Lock the offset's height at its mean.
@@ -54,13 +59,14 @@ class PendulumPriors:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """A path (k, 6), the static parameters (7,), the strengths (3,), and their covariances."""
+    """A path (k, 6), static parameters (15,), strengths (3,), weights of pixels (k,) and steps (k − 1,)."""
 
     path: Array
     parameters: Array
     strengths: Array
     weight: Array
     minimum: Minimum
+    free: Array
     rounds: int
     converged: bool
 
@@ -75,7 +81,13 @@ def first_path(nodes: Nodes, swing: Array) -> Array:
 
 
 def fit(
-    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors, searches: int = SEARCHES
+    nodes: Nodes,
+    path: Array,
+    parameters: Array,
+    strengths: Array,
+    priors: PendulumPriors,
+    searches: int = SEARCHES,
+    free: Array | None = None,
 ) -> PendulumFit:
     """Gauss–Newton to the posterior mode, with a search for the strengths before each of the first steps.
 
@@ -83,15 +95,19 @@ def fit(
     ----------
     nodes : Nodes
     path : ndarray, shape (k, 6)
-    parameters : ndarray, shape (7,)
+    parameters : ndarray, shape (15,)
     strengths : ndarray, shape (3,)
     priors : PendulumPriors
     searches : int
         Greatest number of steps with a search.
+    free : ndarray, shape (k − 1,), optional
+        Weights of the steps between nodes. While strengths are searched for and a controller reports, they follow from
+        the forces: a grab that digs does not swing freely.
     """
-    converged = False
+    converged, free = False, np.ones(len(nodes.time) - 1) if free is None else free
     for done in range(ROUNDS):
-        posterior, *_ = _linearised(nodes, path, parameters, strengths, priors.locked())
+        weigh = priors.jib.moves and searches > 0 and done > 0
+        posterior, *_, free = _linearised(nodes, path, parameters, strengths, priors.locked(), free, weigh)
         if searches > 0 and done > 1:  # the first path is too rough to estimate strengths
             before, strengths = strengths, posterior.search(strengths, wide=done == 2)
             still = np.abs(strengths - before) < (np.inf, 0.03, 0.3)  # fast forcing may be anything once it is too weak
@@ -102,43 +118,57 @@ def fit(
         converged = searches == 0 and float(np.abs(best.parameters[:2]).max()) < 1e-6
         if converged:
             break
-    posterior, weight, error2 = _linearised(nodes, path, parameters, strengths, priors)
+    posterior, weight, error2, _ = _linearised(nodes, path, parameters, strengths, priors, free, False)
     honest = strengths.copy()
     honest[NOISE] -= 0.5 * np.log(_information(weight, error2))
-    return PendulumFit(path, parameters, strengths, weight, posterior.at(honest).minimise(), done + 1, converged)
+    return PendulumFit(path, parameters, strengths, weight, posterior.at(honest).minimise(), free, done + 1, converged)
 
 
 def _linearised(
-    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors
-) -> tuple[Weighed, Array, Array]:
-    """Linearise the posterior about a path; also return the pixels' weights and their squared errors over the noise."""
+    nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors, free: Array, weigh: bool
+) -> tuple[Weighed, Array, Array, Array]:
+    """Linearise the posterior about a path.
+
+    Also return the pixels' weights, their squared errors over the noise, and the steps' weights, new ones if ``weigh``.
+    """
     k = len(path)
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
     links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()))
     joined = ~nodes.first[1:]
-    predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links)
+    predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
     ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
+    residual = predicted - path[1:]
+    precisions = [
+        of_axes(np.asarray(np.linalg.inv(added)), at, STATE) for added, at in ((links.fast, 0), (links.slow, 4))
+    ]
+    if weigh:
+        across = max(int(WINDOW_S / np.median(step)), 1)
+        beyond = np.maximum(
+            excess(residual, precisions[0], 4, LEAST_FAST, across),
+            excess(residual, precisions[1], 2, LEAST_SLOW**2, across),
+        )
+        free = np.maximum(1, beyond) ** -2.0
     fast, slow = (
-        linear(-by_state, -by_parameter, predicted - path[1:], of_axes(np.asarray(np.linalg.inv(added)), at, STATE)
-               * joined[:, None, None], ahead)
-        for added, at in ((links.fast, 0), (links.slow, 4))
-    )  # fmt: skip
-    starts, nothing = nodes.first[:, None], np.zeros_like(parameters)
-    slow += prior(path, starts * np.repeat([0.0, 1.0], (4, 2)), nothing, nothing)
+        linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
+    )
+    starts, steady = nodes.first[:, None], np.zeros_like(parameters)
+    if priors.jib.moves:
+        steady[WIND] = STEADY**-2.0
+    slow += prior(path, starts * np.repeat([0.0, 1.0], (4, 2)), parameters, steady)
     fixed = prior(
         path, starts * np.repeat([START_SD**-2.0, 0.0], (4, 2)), parameters - priors.mean, np.asarray(priors.sd**-2.0)
     )
 
-    seen_at, by_state, by_parameter = derivatives_of_place(path, parameters, nodes.rope)
+    seen_at, by_state, by_parameter = derivatives_of_place(path, parameters, nodes.rope, nodes.time, priors.jib)
     error = nodes.place - seen_at
     error2 = np.sum(error**2, axis=-1) * nodes.seen * np.exp(-2 * strengths[NOISE])
     weight = nodes.seen * (DEGREES + 2) / (DEGREES + error2)
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
-    links_and_starts = int(joined.sum()) + int(nodes.first.sum())
+    leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
     posterior = Weighed(
-        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), links_and_starts, priors.focal_px, 1e-9
+        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9
     )
-    return posterior, weight, error2
+    return posterior, weight, error2, free
 
 
 def _information(weight: Array, error2: Array) -> float:

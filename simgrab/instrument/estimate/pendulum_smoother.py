@@ -7,25 +7,55 @@ from typing import ClassVar
 
 import numpy as np
 
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
+from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
-from simgrab.instrument.estimate.pendulum import DAMPING, DEGREES, OFFSET, STATE, STIFFNESS, THIN_S, TILT, Nodes
+from simgrab.instrument.estimate.pendulum import (
+    CLOCK,
+    DAMPING,
+    DEGREES,
+    FOLLOWS,
+    FREQUENCY,
+    LEVELLING,
+    LONGER,
+    LUFFING,
+    OFFSET,
+    PARAMETERS,
+    STATE,
+    STIFFNESS,
+    THIN_S,
+    TILT,
+    WIND,
+    Nodes,
+)
 from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array
+from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.records.estimates import Estimates, Intervals
 
 CUT_S = 20.0  # longer gaps are not bridged
+# Prior of how a camera follows apparent gravity: the share, and logarithms of frequency (rad/s) and damping ratio.
+FOLLOWING, FOLLOWING_SD = (0.5, np.log(np.pi), np.log(0.5)), (0.5, 0.7, 0.7)
+FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
+MOST_WIND = 0.05  # rad, of the steady lean by wind, beside what gusts tell
+PITCH_SD = 0.03  # rad/m, of the pitch by luffing
+SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 
 @dataclass(frozen=True)
 class PendulumSmoother(PathEstimator):
-    """Extended Kalman filter and Rauch–Tung–Striebel pass, iterated, over a spherical pendulum of changing length.
+    r"""Extended Kalman filter and Rauch–Tung–Striebel pass, iterated, over a spherical pendulum of changing length.
+
+    A controller's readings drive the pendulum by the acceleration of O, and the camera's tilt is a constant and two
+    motions of unknown size: a damped pendulum's, which follows apparent gravity, and a pitch with the radius. So one
+    model holds for cameras that level themselves, are bolted to the fly-jib, or do not move. Steady wind keeps its
+    direction over the ground while the jib slews, which distinguishes it from tilt.
 
     The unknowns are the path, the tilt, the offset (with the calibration's prior), damping and stiffness (with priors
     wide enough for a rigid grab), fast and slow forcing, and the noise of the pixels. The strengths of the last three
@@ -40,12 +70,23 @@ class PendulumSmoother(PathEstimator):
         Prior standard deviation of the relative error of gravity over length.
     tilt_sd : float
         Prior standard deviation of the tilt per axis, rad.
+    controller : Controller or None
+        What the crane reports of its motion during the record. Slewing and luffing drive the pendulum, and they tilt
+        the camera: β is its tilt where the jib rests at its mean radius.
+    longer_m, longer_sd_m : float
+        With a controller, prior of the length of the equivalent simple pendulum minus \|OA\|.
+    clock_sd_s : float
+        Prior standard deviation of the controller's clock minus that of the pictures.
 
     Notes
     -----
     Frames without a pixel get an α too. σ describes this record; only its blocks show how well it represents other
     records. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (slow forcing, rad per axis),
     ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``outliers`` (frames that lost nine tenths of their weight).
+    With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` (the controller's clock minus that of
+    the pictures), of the camera ``follows`` (share of apparent gravity, 1 if it levels itself and 0 if not),
+    ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad), and ``not_free`` (share of the record
+    in which the grab does not swing freely: digging).
     """
 
     name: ClassVar[str] = "pendulum-smoother"
@@ -55,17 +96,36 @@ class PendulumSmoother(PathEstimator):
     damping_sd: float = 0.005
     stiffness_sd: float = 0.003
     tilt_sd: float = 0.35
+    controller: Controller | None = None
+    longer_m: float = 0.4
+    longer_sd_m: float = 0.5
+    clock_sd_s: float = 0.3
 
     def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
+        assert frames.time is not None
         rough = RopeAware().fit(frames, calibration)
         beta, azimuth = tilt_of(rough.down[0])
         focal_px, offset_sd = calibration.focal_length_px, max(calibration.offset_sd_m, 1e-4)
-        mean = np.array([0.0, 0.0, *calibration.offset_m, self.damping, 0.0])
-        sd = np.array([self.tilt_sd] * 2 + [offset_sd] * 3 + [self.damping_sd, self.stiffness_sd])
-        priors = PendulumPriors(mean, sd, focal_px)
-        start = np.array([beta * np.cos(azimuth), beta * np.sin(azimuth), *rough.offset[0], self.damping, 0.0])
+        mean, sd = np.zeros(PARAMETERS), np.full(PARAMETERS, 1e-6)
+        mean[OFFSET], mean[DAMPING] = calibration.offset_m, self.damping
+        sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = self.tilt_sd, offset_sd, self.damping_sd, self.stiffness_sd
+        jib = JibMotion.at_rest()
+        if self.controller is not None:
+            (begin, end), (first, last) = self.controller.time[[0, -1]], frames.time[[0, -1]]
+            if begin > first + SILENT_S or end < last - SILENT_S:
+                return (
+                    f"the controller reports from {begin:.1f} to {end:.1f} s, frames from {first:.1f} to {last:.1f} s"
+                )
+            jib = JibMotion.of(self.controller)
+            mean[LONGER], mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = self.longer_m, *FOLLOWING
+            sd[LONGER], sd[WIND], sd[CLOCK], sd[LUFFING] = self.longer_sd_m, MOST_WIND, self.clock_sd_s, PITCH_SD
+            sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
+        priors = PendulumPriors(mean, sd, focal_px, jib)
+        start = mean.copy()
+        start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
+        swing = np.einsum("nij,jn->ni", rotation_z(jib.at(frames.time)[:, 0])[:, :2, :2], rough.swing[0])
         try:
-            nodes, found = self._fit(frames, rough.swing[0].T, start, priors)
+            nodes, found = self._fit(frames, swing, start, priors)
         except np.linalg.LinAlgError:
             return "the record's equations are singular"
         return self._found(nodes, found, focal_px) if found.converged else f"not converged in {ROUNDS} rounds"
@@ -83,7 +143,8 @@ class PendulumSmoother(PathEstimator):
                 path = first_path(thin, swing[some])
                 rough = fit(thin, path, start, strengths, priors)
                 path = interpolated(nodes.time, thin.time, rough.path)
-                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0)
+                free = rough.free[np.searchsorted(thin.time[1:-1], nodes.time[1:])]
+                return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0, free)
         return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors)
 
     def _found(self, nodes: Nodes, found: PendulumFit, focal_px: float) -> EstimatedMotion:
@@ -110,7 +171,8 @@ class PendulumSmoother(PathEstimator):
                 "stiffness": found.parameters[STIFFNESS],
                 "rounds": found.rounds,
                 "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
-            },
+            }
+            | (_of_jib(found) if self.controller is not None else {}),
         )
 
     def _state(self, frames: Frames, motion: EstimatedMotion) -> Estimates:
@@ -127,3 +189,17 @@ class PendulumSmoother(PathEstimator):
             ends = iv.of_scale(found.sigma, variance, np.zeros(1), iv.student(level, np.array([blocks - 1.0])))
         by_blocks = Intervals("blocks", level, None, ends, None, blocks, note)
         return replace(found, intervals=(*found.intervals, by_blocks))
+
+
+def _of_jib(found: PendulumFit) -> dict[str, float]:
+    p = found.parameters
+    return {
+        "wind": float(np.hypot(*p[WIND])),
+        "longer_m": p[LONGER],
+        "clock_s": p[CLOCK],
+        "follows": p[FOLLOWS],
+        "levelling_hz": np.exp(p[FREQUENCY]) / (2 * np.pi),
+        "levelling_damping": np.exp(p[LEVELLING]),
+        "pitch_per_m": p[LUFFING],
+        "not_free": float(np.mean(found.free < FREE)),
+    }

@@ -12,6 +12,9 @@ from simgrab.model.geometry import Array
 
 # Strengths, as logarithms: white acceleration (m²/s³ per axis), pixel noise (over h), slow forcing (rad per axis).
 FAST, NOISE, SLOW = 0, 1, 2
+WINDOW_S = 2.0  # over which forces are averaged to find a grab that does not swing freely
+BEYOND = 9.0  # how many times the usual force is too much
+LEAST_FAST, LEAST_SLOW = 1e-5, 1e-3  # the usual forces are those of the record itself, but no less than these
 
 
 @dataclass(frozen=True)
@@ -67,3 +70,28 @@ class Weighed:
         options = {"xatol": 0.05, "fatol": 0.01, "initial_simplex": np.vstack([start, start + np.diag(size)])}
         best = scipy.optimize.minimize(minus_log, start, method="Nelder-Mead", options=options)
         return np.clip(best.x, low, high)
+
+
+def excess(
+    residual: Array, precision: Array, freedom: int, least: float, across: int, usual: float | None = None
+) -> Array:
+    """Force in each step over the greatest that a grab that swings freely feels, shape (k,).
+
+    Parameters
+    ----------
+    residual : ndarray, shape (k, d)
+        States after each step minus predicted ones.
+    precision : ndarray, shape (k, d, d)
+        Inverse covariance by a force of strength 1.
+    freedom : int
+        Rank of ``precision``.
+    least : float
+        Least usual squared force.
+    across : int
+        Steps that are averaged over.
+    usual : float, optional
+        Usual squared force; by default twice the median.
+    """
+    force = np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom
+    force = scipy.ndimage.uniform_filter1d(force, across)
+    return np.asarray(force / (BEYOND * (usual or max(2 * float(np.median(force)), least))))

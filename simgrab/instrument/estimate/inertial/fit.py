@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from simgrab.instrument.estimate.chain import Minimum, Quadratic, linear, prior
@@ -31,14 +30,12 @@ from simgrab.instrument.estimate.inertial.model import (
 )
 from simgrab.instrument.estimate.inertial.preintegration import rotation, rotation_vector
 from simgrab.instrument.estimate.pendulum import DEGREES, Nodes, of_axes
-from simgrab.instrument.estimate.strengths import NOISE, Weighed
+from simgrab.instrument.estimate.strengths import LEAST_FAST, LEAST_SLOW, NOISE, WINDOW_S, Weighed, excess
 from simgrab.model.geometry import Array
 
 LOOSE, STIFFER, START_FAST = 0.1, 0.3, 1e-3  # m²/s³, of the first round; factor of each of the next, down to the last
 LOOSE_ROUNDS, FIRST_WEIGHED, FIRST_SEARCH = 9, 5, 9
-WINDOW_S = 2.0  # over which forces are averaged to find a grab that does not swing freely
-NATURAL_FAST, NATURAL_SLOW, BEYOND = 1e-4, 0.005, 9.0  # forces as wind has them, and how many times them are too many
-LEAST_FAST, LEAST_SLOW = 1e-5, 1e-3  # at the end those of the record itself count, but no less than these
+NATURAL_FAST, NATURAL_SLOW = 1e-4, 0.005  # forces as wind has them; at the end those of the record itself count
 LEAST_FORCING = 3e-5  # m²/s³: no pendulum of two numbers describes a grab better
 CONVERGED_RAD = 5e-5
 SEARCHES, ROUNDS = 6, 40  # at most so many linearisations search for the strengths, and so many there are
@@ -190,10 +187,8 @@ def _linearised(data: NodeData, path: Path, first: Path, priors: InertialPriors,
         for precision, freedom, natural, least in (
             (fast, 4, NATURAL_FAST, LEAST_FAST), (slow, 2, NATURAL_SLOW**2, LEAST_SLOW**2),
         ):  # fmt: skip
-            force = np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom
-            force = scipy.ndimage.uniform_filter1d(force, across)
-            usual = natural if weigh == "natural" else max(2 * float(np.median(force)), least)
-            beyond = np.maximum(beyond, force / (BEYOND * usual))
+            usual = natural if weigh == "natural" else None
+            beyond = np.maximum(beyond, excess(residual, precision, freedom, least, across, usual))
         weight = np.minimum(path.weight, beyond**-2.0) if weigh == "natural" else beyond**-2.0
 
     def steps(precision: Array) -> Quadratic:

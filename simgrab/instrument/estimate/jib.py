@@ -1,0 +1,150 @@
+"""The jib head's motion over the ground, as a controller reports it, and how it tilts a camera.
+
+The controller gives positions, with coarse steps. A smoother gives rates and accelerations: position, rate and
+acceleration of slewing and of luffing are the states of a chain (`simgrab.instrument.estimate.chain`), driven by jerk
+whose strength maximises the likelihood of the readings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from scipy.interpolate import CubicSpline
+
+from simgrab.instrument.controller import Controller
+from simgrab.instrument.estimate.chain import Quadratic, linear, prior
+from simgrab.model.geometry import STANDARD_GRAVITY, Array
+
+STEP_S = 0.05  # of the grid on which the motion is described; of several readings in a step the last counts
+REST_S = 10.0  # in which a jib without readings comes to rest
+SPEED = 2.0  # m/s, of luffing and of the jib head as it slews
+ROUNDS = 7
+RADIUS_M = 25.0  # where no radius is reported
+
+
+@dataclass(frozen=True, eq=False)
+class JibMotion:
+    """Motion of O over the ground in a level frame that does not turn, and the jib's heading in it.
+
+    Attributes
+    ----------
+    time : ndarray, shape (m,)
+        A grid.
+    course : ndarray, shape (m, 4)
+        Heading, rad; radius minus its mean, m; velocity of O, m/s (2).
+    """
+
+    time: Array
+    course: Array
+
+    @classmethod
+    def at_rest(cls) -> JibMotion:
+        """Make the motion of a jib that rests, or of which nothing is known."""
+        return cls(np.array([0.0, STEP_S]), np.zeros((2, 4)))
+
+    @classmethod
+    def of(cls, controller: Controller) -> JibMotion:
+        """Smooth the readings of a controller."""
+        first, last = controller.time[[0, -1]]
+        time = first + STEP_S * np.arange(int(np.ceil((last - first) / STEP_S)) + 1)
+        radius, slew = np.full((len(time), 3), (RADIUS_M, 0.0, 0.0)), np.zeros((len(time), 3))
+        if controller.radius is not None:
+            radius = smoothed(time, controller.time, controller.radius, controller.radius_sd)
+        reach = radius[:, 0]
+        if controller.slew is not None:
+            lever = float(reach.mean())
+            slew = smoothed(time, controller.time, controller.slew * lever, controller.slew_sd * lever) / lever
+        out = np.stack([np.cos(slew[:, 0]), np.sin(slew[:, 0])], axis=-1)
+        across = np.stack([-out[:, 1], out[:, 0]], axis=-1)
+        velocity = radius[:, 1:2] * out + (reach * slew[:, 1])[:, None] * across
+        return cls(time, np.column_stack([slew[:, 0], reach - reach.mean(), velocity]))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the jib moves at all."""
+        return bool(self.course.any())
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        return CubicSpline(self.time, self.course)
+
+    def at(self, time: Array) -> Array:
+        """Course (k, 4) at moments (k,); beyond the readings it does not change."""
+        return np.asarray(self._spline(np.clip(time, *self.time[[0, -1]])))
+
+    def acceleration(self, time: Array) -> Array:
+        """Mean acceleration (k − 1, 2) between moments (k,), level frame, m/s²."""
+        return np.diff(self.at(time)[:, 2:], axis=0) / np.diff(time)[:, None]
+
+    def levelled(self, frequency: float, damping: float, time: Array) -> Array:
+        """Lean (k, 2) at moments (k,) of a camera that hangs by gravity: a damped pendulum in the jib frame.
+
+        Parameters
+        ----------
+        frequency : float
+            rad/s.
+        damping : float
+            Share of the critical one.
+        time : ndarray, shape (k,)
+        """
+        if not self.moves:
+            return np.zeros((len(time), 2))
+        from scipy.signal import lfilter  # slow to import, and needed with a controller alone
+
+        heading = (self.course[1:, 0] + self.course[:-1, 0]) / 2
+        x, y = -np.diff(self.course[:, 2:], axis=0).T / (STEP_S * STANDARD_GRAVITY)
+        c, s = np.cos(heading), np.sin(heading)
+        plumb = np.stack([c * x + s * y, c * y - s * x], axis=-1)
+        step = scipy.linalg.expm(STEP_S * np.array([[0.0, 1.0], [-(frequency**2), -2 * damping * frequency]]))
+        trace, det, rise = step.trace(), np.linalg.det(step), 1 - step[0, 0]
+        leans = plumb[0] + lfilter([0.0, rise, 1 - trace + det - rise], [1.0, -trace, det], plumb - plumb[0], axis=0)
+        return np.asarray(CubicSpline(self.time[:-1], leans)(np.clip(time, *self.time[[0, -2]])))
+
+
+def smoothed(at: Array, time: Array, position: Array, sd: float) -> Array:
+    """Position, rate and acceleration (m, 3) at moments (m,) of an even grid from readings (n,) of a position in m.
+
+    NaN are no readings. A drive starts and brakes with jumps of the acceleration: jerk is rare and then large, which
+    iterated weights allow.
+    """
+    known = np.isfinite(position)
+    nearest = np.clip(np.rint((time[known] - at[0]) / STEP_S).astype(int), 0, len(at) - 1)
+    place = np.full(len(at), -1)
+    place[nearest] = np.flatnonzero(known)
+    seen = place >= 0
+    late = np.where(seen, time[place] - at, 0.0)
+    row = np.stack([np.ones_like(late), late, late**2 / 2], axis=-1)[:, None]
+    start = np.zeros((len(at), 3))
+    start[:, 0] = np.interp(at, time[known], position[known])
+    h, k, none = STEP_S, len(at), np.zeros((0,))
+    ahead = np.array([[1, h, h * h / 2], [0, 1, h], [0, 0, 1]])
+    noise = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
+    every = np.broadcast_to
+    precision, off = np.linalg.inv(noise), np.where(seen, position[place] - start[:, 0], 0.0)
+    rest = np.array([0.0, SPEED**-2.0, (SPEED / 5) ** -2.0]) * (STEP_S / REST_S)
+    readings = linear(row, np.zeros((k, 1, 0)), off[:, None], (seen / sd**2)[:, None, None]) + prior(
+        start, every(rest, (k, 3)), none, none
+    )
+
+    def steps(weight: Array) -> Quadratic:
+        return linear(
+            -every(ahead, (k - 1, 3, 3)), np.zeros((k - 1, 3, 0)), start[:-1] @ ahead.T - start[1:],
+            precision * weight[:, None, None], every(np.eye(3), (k - 1, 3, 3)),
+        )  # fmt: skip
+
+    alike = steps(np.ones(k - 1))
+
+    def minus_log(log: float) -> float:
+        found = (readings + alike * np.exp(-log)).minimise()
+        return found.value + found.log_det + 3 * (k - 1) * log
+
+    most, options = np.log([1e-6, 1.0]), {"xatol": 0.1}
+    jerk2 = np.exp(scipy.optimize.minimize_scalar(minus_log, bounds=most, method="bounded", options=options).x)
+    weight = np.ones(k - 1)
+    for _ in range(ROUNDS):
+        found = start + (readings + steps(weight) * (1 / jerk2)).minimise().states.reshape(-1, 3)
+        weight = 4 / (1 + 30 * (np.diff(found[:, 2]) ** 2 / (STEP_S * jerk2)))
+    return np.asarray(found)

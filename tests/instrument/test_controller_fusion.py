@@ -1,0 +1,90 @@
+"""What the controller reports of slewing and luffing drives the pendulum and tilts the camera."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from simgrab.instrument.controller import Controller
+from simgrab.instrument.estimate import PendulumSmoother
+from simgrab.instrument.estimate.jib import STEP_S, JibMotion
+from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
+from simgrab.model.scenario import Camera, LevelledMount
+from simgrab.world.trajectory.mount import Mount
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import swinging
+
+G = 9.80665
+
+
+def controller(time, jib, rate_hz=20.0, slew_deg=0.044, radius_m=0.01, lag_s=0.0):
+    """Read a jib (n, 2) at times (n,), as a controller with coarse steps does."""
+    at, steps = np.arange(time[0], time[-1], 1 / rate_hz), np.array([np.radians(slew_deg), radius_m])
+    slew, radius = (np.round(CubicSpline(time, jib)(at) / steps) * steps).T
+    return Controller(at + lag_s, slew, radius, None, steps[0] / np.sqrt(12), steps[1] / np.sqrt(12), 0.0)
+
+
+def test_below_a_pivot_that_accelerates_the_pendulum_hangs_along_apparent_gravity():
+    pull = np.array([0.8, -0.5])
+    lean = -pull / np.hypot(9.81, np.hypot(*pull))
+    links = Links(np.full(1, 0.1), np.full(1, 15.0), np.full(1, 15.0), 15.0)
+    x = np.concatenate([lean, np.zeros(4)])[None]
+    np.testing.assert_allclose(advance(x, np.zeros(PARAMETERS), links, pull), x, atol=1e-9)
+
+
+def course(seconds=80.0):
+    """Slew and luff with ramps, at 50 Hz: times, jib (n, 2), velocity of O (n, 2) over the ground."""
+    time = np.arange(0, seconds, 0.02)
+    ramps = np.interp(time, [5, 9, 14, 18, 40, 46, 50, 56], [0, 0.07, 0.07, 0, 0, -0.06, -0.06, 0])
+    out = np.interp(time, [8, 11, 13, 16], [0, 0.7, 0.7, 0])
+    slew, radius = 0.3 + np.cumsum(ramps) * 0.02, 25 + np.cumsum(out) * 0.02
+    c, s = np.cos(slew), np.sin(slew)
+    across = radius * ramps
+    return time, np.stack([slew, radius], -1), np.stack([out * c - across * s, out * s + across * c], -1)
+
+
+def test_coarse_readings_give_the_acceleration():
+    time, jib, velocity = course()
+    at = np.arange(1.0, 78.0, 0.11)
+    truth = np.diff([np.interp(at, time, v) for v in velocity.T]).T / 0.11
+    found = JibMotion.of(controller(time, jib)).acceleration(at)
+    assert np.sqrt(np.mean(truth**2)) > 0.1
+    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.03
+    late = JibMotion.of(controller(time, jib, lag_s=0.5)).acceleration(at + 0.5)
+    np.testing.assert_allclose(late, found, atol=0.01)
+
+
+def test_the_camera_levels_itself_as_the_worlds_does():
+    time, jib, velocity = course()
+    motion = JibMotion(time[::5], np.column_stack([jib[::5, 0], jib[::5, 1] - 25, velocity[::5]]))
+    assert motion.time[1] == pytest.approx(2 * STEP_S)
+    motion = JibMotion.of(controller(time, jib, slew_deg=1e-4, radius_m=1e-5))
+    felt = np.diff(velocity, axis=0) / -0.02
+    c, s = np.cos(jib[:-1, 0]), np.sin(jib[:-1, 0])
+    gravity = np.stack([c * felt[:, 0] + s * felt[:, 1], c * felt[:, 1] - s * felt[:, 0], np.full(len(c), -G)], -1)
+    mount = LevelledMount(frequency_hz=0.4, damping=0.6)
+    truth = Mount(Camera(mount=mount), 0.02).advance(gravity, np.zeros(len(time)))[:, 0]
+    found = motion.levelled(2 * np.pi * 0.4, 0.6, time)
+    assert np.abs(truth).max() > 0.02
+    assert np.abs(found - truth)[:-10].max() < 1e-3
+
+
+@pytest.mark.parametrize("mount", ["levelled", "rigid"])
+def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount):
+    crane = swinging.record(fixed=False, frames=900, seed=101, camera__mount={"model": mount})
+    noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
+    given = {"rope_length": np.round(crane.rope, 2), "time": crane.time}
+    reports = controller(crane.time, crane.jib, lag_s=0.4)
+    blind, found = (PendulumSmoother(controller=c).estimate(noisy, crane.calibration, **given) for c in (None, reports))
+    errors = [np.degrees(np.sqrt(np.mean((f.alpha - crane.alpha) ** 2))) for f in (blind, found)]
+    assert errors[0] > 0.5
+    assert errors[1] < 0.25
+    low, high = found.interval("posterior").alpha.T
+    assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.8
+    assert np.degrees(np.median(high - low)) < 2
+    assert found.diagnostics["clock_s"] == pytest.approx(0.4, abs=0.15)
+    assert found.diagnostics["follows"] == pytest.approx(float(mount == "levelled"), abs=0.1)
+    assert np.degrees(found.diagnostics["pitch_per_m"]) == pytest.approx(2.0 * (mount == "rigid"), abs=0.2)
