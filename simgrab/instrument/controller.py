@@ -57,6 +57,11 @@ class Controller:
     clock_sd_s: float = 0.0
     notes: tuple[str, ...] = ()
 
+    @property
+    def reports_motion(self) -> bool:
+        """Whether it reports slewing or luffing."""
+        return self.slew is not None or self.radius is not None
+
     def rope_at(self, time: Array) -> Array:
         """Interpolate the rope's length at times (m,); NaN outside of the readings and in their gaps."""
         assert self.rope is not None

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-WITH_ROPE, WITHOUT = "rope-aware", DEFAULT
+WITH_MOTION, WITH_ROPE, WITHOUT = "pendulum-smoother", "rope-aware", DEFAULT
 # A crane's cycle takes 60 to 90 s, and swings are excited again in each: the shortest independent block.
 INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
@@ -107,8 +107,10 @@ class Pipeline:
         """Measure a record."""
         return self.record(frames, calibration).measurements
 
-    def chosen(self, calibration: Calibration) -> Estimator:
+    def chosen(self, calibration: Calibration, *, live: bool = False) -> Estimator:
         """Choose the estimator for a camera.
+
+        Of a whole record with a controller that reports slewing or luffing, it is `PendulumSmoother`, which uses them.
 
         Raises
         ------
@@ -118,7 +120,10 @@ class Pipeline:
         known = calibration.digit_layout is not None and self.reader is not None
         known = known or (self.controller is not None and self.controller.rope is not None)
         if self.estimator is None:
-            return ESTIMATORS[WITH_ROPE if known else WITHOUT](intervals=INTERVALS)
+            whole = not live and self.calibrate_s is None and self.tilt is None
+            moves = self.controller is not None and self.controller.reports_motion
+            name = WITH_MOTION if known and whole and moves else WITH_ROPE if known else WITHOUT
+            return ESTIMATORS[name](intervals=INTERVALS)
         if self.estimator.needs_rope and not known:
             raise RunError(
                 f"{self.estimator.name} needs the rope's length, but the camera file states no display "
@@ -193,7 +198,7 @@ class Pipeline:
             time = _times(observations)
             clock = clock_offset(controller, time, ropes.length)
             controller = controller.shifted(clock)
-            ropes = _told(ropes, controller, time)
+            ropes = _with_lengths(ropes, controller, time)
         estimator = _informed(self.chosen(calibration), controller)
         record = angles.arrays(observations, ropes)
         if self.tilt is not None:
@@ -217,7 +222,7 @@ class Pipeline:
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
-        estimator = _informed(self.chosen(calibration), self.controller)
+        estimator = _informed(self.chosen(calibration, live=True), self.controller)
         tracker = _tracker(estimator, calibration)
         if estimator.needs_time and tracker is None:
             raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
@@ -233,7 +238,7 @@ class Pipeline:
             recent = _recent(observations)
             ropes = rope(recent, calibration, self.bridge)
             if self.controller is not None:
-                ropes = _told(ropes, self.controller, _times(recent))
+                ropes = _with_lengths(ropes, self.controller, _times(recent))
             lengths.append(float(ropes.length[-1]))
             if tracker is None and self.tilt is None and now >= due:
                 found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
@@ -294,12 +299,12 @@ def _informed(estimator: Estimator, controller: Controller | None) -> Estimator:
     return replace(estimator, controller=controller) if takes else estimator  # type: ignore[call-arg]
 
 
-def _told(ropes: Rope, controller: Controller, time: Array) -> Rope:
+def _with_lengths(ropes: Rope, controller: Controller, time: Array) -> Rope:
     """Put the controller's lengths in place of the display's, where it has some."""
     if controller.rope is None:
         return ropes
-    told = controller.rope_at(time)
-    return replace(ropes, length=np.where(np.isfinite(told), told, ropes.length))
+    lengths = controller.rope_at(time)
+    return replace(ropes, length=np.where(np.isfinite(lengths), lengths, ropes.length))
 
 
 def _times(observations: Sequence[Observation]) -> Array:
