@@ -258,6 +258,7 @@ def _conclude(
     times, names = notes.times[: len(measurements)], notes.names[: len(measurements)]  # a live run may be ahead of them
     time_s = None if None in times else np.array(times, float)
     found = () if time_s is None else alarm.events(time_s, measurements, rule)
+    early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNING, alarm.warning)
     estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
     about = {
@@ -268,6 +269,7 @@ def _conclude(
         "assumed": assumptions(calibration, record, tilt, instrument),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
+        "warnings": runs.alarms(early),
         "notes": list(notes.notes),
         "speed": speed,
     }  # fmt: skip
