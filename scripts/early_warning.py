@@ -1,6 +1,6 @@
 """Score early warnings of swings beyond 10° on simulated work, without pictures; fit their threshold.
 
-    python -m scripts.early_warning [--ordinary 240] [--dangerous 60] [--work runs/early-warning]
+    python -m scripts.early_warning [--ordinary 60] [--dangerous 30] [--work runs/early-warning]
 
 Clips of five minutes: ordinary working cycles, and work that slews hard. The instrument gets the true direction OA with
 1.3 px of noise at 9 frames/s, a tilt that errs by 0.13° per axis, as one from a calm recording does, and a rope length
@@ -20,6 +20,7 @@ from typing import Any
 import click
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from simgrab.instrument import alarm
 from simgrab.instrument.alarm import WARNING
@@ -64,7 +65,7 @@ def simulate(folder: Path, job: tuple[str, int]) -> None:
         "felt": [m.apparent_gravity for m in moments], "slew": [m.jib.slew for m in moments if m.jib],
     }  # fmt: skip
     draft = path.with_suffix(".part.npz")
-    np.savez(draft, **{key: np.array(values) for key, values in columns.items()})
+    np.savez(draft, **columns)  # type: ignore[arg-type]
     draft.rename(path)
 
 
@@ -152,8 +153,8 @@ def since_ramp(clip: Clip) -> list[float]:
 
 
 @click.command()
-@click.option("--ordinary", default=240, show_default=True, help="Clips of ordinary work.")
-@click.option("--dangerous", default=60, show_default=True, help="Clips with events, a third by each cause.")
+@click.option("--ordinary", default=60, show_default=True, help="Clips of ordinary work.")
+@click.option("--dangerous", default=30, show_default=True, help="Clips with events, a third by each cause.")
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/early-warning"), show_default=True)
 @click.option("--workers", default=2, show_default=True)
 def main(ordinary: int, dangerous: int, work: Path, workers: int) -> None:
@@ -180,7 +181,7 @@ def main(ordinary: int, dangerous: int, work: Path, workers: int) -> None:
     for method, forecast_of in ahead.items():
         found = [measured(*both) for both in zip(clips, forecast_of, strict=True)]
 
-        def of(some: Array, threshold: float, found: list[list[Measurement]] = found) -> dict[str, Any]:
+        def of(some: NDArray[np.int64], threshold: float, found: list[list[Measurement]] = found) -> dict[str, Any]:
             return pooled([clips[i] for i in some], [found[i] for i in some], threshold)
 
         allowed = [alarm.Rule().raised_at] if method == PRESENT else THRESHOLDS

@@ -198,7 +198,8 @@ def _parts(seconds: float) -> int:
 
 
 def _repeated(links: Links, times: int) -> Links:
-    return Links(*(np.repeat(a, times) for a in (links.step, links.before, links.after)), links.length)
+    step, before, after = (np.repeat(a, times) for a in (links.step, links.before, links.after))
+    return Links(step, before, after, links.length)
 
 
 def _predicted(mean: Array, covariance: Array, forced: Array, ropes: Array, seconds: float) -> tuple[Array, Array]:
