@@ -1,5 +1,8 @@
 """Forecasts of the swing: exact where the motion is known, from no later frames, and as frequent as they state."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -7,8 +10,15 @@ from scipy.linalg import expm
 
 from simgrab.instrument import forecast as fc
 from simgrab.instrument.alarm import DANGER
+from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.pendulum import DAMPING, GRAVITY, MEMORY_S
 from simgrab.instrument.forecast import Forecaster, State, forecast
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.read import Reader
+from simgrab.instrument.run import runs
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from swinging import record
 
 RATE = 9.0
 
@@ -109,6 +119,21 @@ def test_no_later_frame_matters_and_gaps_are_bridged():
             assert value == pytest.approx(getattr(together, name)[i : i + 1])
             assert np.isfinite(value)
     assert not np.allclose(other[110].mean, first[110].mean)
+
+
+def test_a_run_states_forecasts_that_later_frames_do_not_change():
+    truth = record("alarm-cycles", frames=120, seed=1)
+    tilt = Known(
+        "given", 100, np.degrees(truth.beta[0]), 0.0, truth.calibration.offset_m, tuple(map(tuple, np.zeros((4, 4))))
+    )
+    seen = truth.observations(1.3, 1)
+    whole, first = (
+        Pipeline(None, Reader(), tilt=tilt).conclude(some, truth.calibration).measurements for some in (seen, seen[:60])
+    )
+    for a, b in zip(whole, first, strict=False):
+        for name in ("warning", "peak", "peak_low", "peak_high", "peak_in_s"):
+            assert getattr(a, name) == pytest.approx(getattr(b, name))
+    assert runs._measurement({"frame": 0} | runs._row(first[-1])).peak == pytest.approx(first[-1].peak)
 
 
 def test_silence_begins_the_filter_anew():
