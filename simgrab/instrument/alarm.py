@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import msgspec
@@ -48,6 +48,10 @@ class Rule(Checked, frozen=True):
     quiet_s: Annotated[float, Meta(ge=0, le=3600)] = 6.0
 
 
+# Of "will pass 10° within 6 s": fitted to one false warning in an hour of work by `scripts.early_warning`.
+WARNING = Rule(raised_at=0.6)
+
+
 class Event(msgspec.Struct, frozen=True, kw_only=True):
     """One alarm. Indices are of the record's frames, angles radians.
 
@@ -88,11 +92,18 @@ def probability(alpha: Array, low: Array, high: Array) -> Array:
 
     NaN where α is NaN; without an interval α is taken as exact.
     """
-    sd = (high - low) / (2 * _NORMAL)
-    above = np.where(alpha > DANGER, 1.0, 0.0)
+    return np.where(np.isnan(alpha), np.nan, exceeding(alpha, (high - low) / (2 * _NORMAL), DANGER))
+
+
+def deviation(alpha: Array, high: Array) -> Array:
+    """Find the standard deviation of α from the upper end of its 95 % interval; the lower end is cut off at 0."""
+    return (high - alpha) / _NORMAL
+
+
+def exceeding(alpha: Array, sd: Array, limit: float) -> Array:
+    """Probability that Gaussian swings exceed a limit; 0 or 1 where the deviation is not above 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        chance = np.where(sd > 0, special.ndtr((alpha - DANGER) / sd), above)
-    return np.where(np.isnan(alpha), np.nan, chance)
+        return np.where(sd > 0, special.ndtr((alpha - limit) / sd), np.where(alpha > limit, 1.0, 0.0))
 
 
 def danger(m: Measurement) -> float:
@@ -100,7 +111,15 @@ def danger(m: Measurement) -> float:
     return m.danger if m.danger is not None else float(m.alpha is not None and m.alpha > DANGER)
 
 
-def events(times: Array, measurements: Sequence[Measurement], rule: Rule | None = None) -> tuple[Event, ...]:
+def warning(m: Measurement) -> float:
+    """Probability that α exceeds 10° within seconds, if a measurement states it; otherwise 0."""
+    return m.warning if m.warning is not None else 0.0
+
+
+def events(
+    times: Array, measurements: Sequence[Measurement], rule: Rule | None = None,
+    chance: Callable[[Measurement], float] = danger,
+) -> tuple[Event, ...]:  # fmt: skip
     """Alarms of a record.
 
     Parameters
@@ -110,6 +129,8 @@ def events(times: Array, measurements: Sequence[Measurement], rule: Rule | None 
     measurements : sequence of n Measurement
         Frames without an α neither raise nor end an alarm.
     rule : Rule, optional
+    chance : callable
+        The probability that raises an alarm: `danger`, or `warning` for `WARNING`.
     """
     rule = rule or Rule()
     found: list[Event] = []
@@ -119,21 +140,24 @@ def events(times: Array, measurements: Sequence[Measurement], rule: Rule | None 
     for i, m in enumerate(measurements):
         if m.alpha is None:
             continue
-        sure = sure + 1 if danger(m) >= rule.raised_at else 0
+        sure = sure + 1 if chance(m) >= rule.raised_at else 0
         if since is not None and times[i] - times[last] > rule.quiet_s:
-            found.append(_event(times, measurements, since, last, ongoing=False))
+            found.append(_event(times, measurements, since, last, chance, ongoing=False))
             since = None
         if since is None and sure >= rule.frames:
             since = last = i
-        elif since is not None and m.alpha >= rule.released_at:
+        elif since is not None and (sure or m.alpha >= rule.released_at):
             last = i
     if since is not None:
         quiet = times[-1] - times[last] > rule.quiet_s
-        found.append(_event(times, measurements, since, last, ongoing=not quiet))
+        found.append(_event(times, measurements, since, last, chance, ongoing=not quiet))
     return tuple(found)
 
 
-def _event(times: Array, measurements: Sequence[Measurement], first: int, last: int, *, ongoing: bool) -> Event:
+def _event(
+    times: Array, measurements: Sequence[Measurement], first: int, last: int, chance: Callable[[Measurement], float], *,
+    ongoing: bool,
+) -> Event:  # fmt: skip
     within = range(first, last + 1)
     peak = max(within, key=lambda i: measurements[i].alpha or 0.0)
     top = measurements[peak]
@@ -142,5 +166,5 @@ def _event(times: Array, measurements: Sequence[Measurement], first: int, last: 
         first=first, last=last, peak=peak,
         onset_s=float(times[first]), end_s=float(times[last]), peak_s=float(times[peak]),
         alpha=top.alpha, alpha_low=top.alpha_low, alpha_high=top.alpha_high,
-        danger=max(danger(measurements[i]) for i in within), ongoing=ongoing,
+        danger=max(chance(measurements[i]) for i in within), ongoing=ongoing,
     )  # fmt: skip

@@ -12,11 +12,15 @@ from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
+from simgrab.instrument.forecast import Forecast, Forecaster, State, forecast
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.rope import Rope
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate
+
+UNSTATED_PX = 1.5  # standard deviation of a pixel whose detector states none
+AT_ONCE = 256  # frames whose forecasts are sampled together
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,39 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
     return alpha, ends
 
 
-def measurements(record: RecordArrays, alpha: Array, ends: Array, refused: str = "") -> tuple[Measurement, ...]:
+def forecasts(
+    forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float
+) -> Forecast | None:
+    """Forecast from each frame and those before it; None for independent frames.
+
+    Parameters
+    ----------
+    forecaster : Forecaster
+        Of one record, with its earlier frames.
+    record : RecordArrays
+    swing : ndarray, shape (n, 2)
+        Horizontal part of the unit direction OA.
+    alpha : ndarray, shape (n,)
+        NaN where there is none.
+    ends : ndarray, shape (n, 2)
+        Its intervals.
+    focal_px : float
+    """
+    if record.time is None or not len(alpha):
+        return None
+    swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
+    sd = np.where(record.pixel_sd > 0, record.pixel_sd, UNSTATED_PX) / focal_px
+    rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], strict=True)
+    states = [forecaster.step(*row) for row in rows]
+    tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])
+    parts = [slice(i, i + AT_ONCE) for i in range(0, len(states), AT_ONCE)]
+    found = [forecast(State.joined(states[part]), np.nan_to_num(tilt_sd[part])) for part in parts]
+    return Forecast(*(np.concatenate(values) for values in zip(*(vars(f).values() for f in found), strict=True)))
+
+
+def measurements(
+    record: RecordArrays, alpha: Array, ends: Array, refused: str = "", ahead: Forecast | None = None
+) -> tuple[Measurement, ...]:
     """Make a measurement of every frame: its swing, or why there is none.
 
     Parameters
@@ -112,15 +148,24 @@ def measurements(record: RecordArrays, alpha: Array, ends: Array, refused: str =
     ends : ndarray, shape (n, 2)
     refused : str
         Reason for frames that lack an angle although no input was missing.
+    ahead : Forecast, optional
     """
     danger = alarm.probability(alpha, *ends.T)
-    rows = zip(record.observations, alpha, ends, danger, record.rope.length, record.rope.jump, strict=True)
-    return tuple(_measurement(s, a, e, p, rope, jump, refused) for s, a, e, p, rope, jump in rows)
+    names = [] if ahead is None else list(vars(ahead))
+    next_s = np.array([getattr(ahead, name) for name in names]).T if names else np.empty((len(alpha), 0))
+    rows = zip(record.observations, alpha, ends, danger, record.rope.length, record.rope.jump, next_s, strict=True)
+    return tuple(
+        _measurement(
+            s, a, e, p, rope, jump, refused, dict(zip(names, f.tolist(), strict=True)) if np.isfinite(f).all() else {}
+        )
+        for s, a, e, p, rope, jump, f in rows
+    )
 
 
 def _measurement(
-    s: Observation, alpha: float, ends: Array, danger: float, rope: float, jump: bool, refused: str
-) -> Measurement:
+    s: Observation, alpha: float, ends: Array, danger: float, rope: float, jump: bool, refused: str,
+    ahead: dict[str, float],
+) -> Measurement:  # fmt: skip
     status, reason = _status(s, bool(np.isfinite(alpha)), bool(np.isfinite(rope)), bool(jump), refused)
     ok = status == "ok"
     stated = ok and bool(np.isfinite(ends).all())
@@ -129,7 +174,7 @@ def _measurement(
         alpha_low=float(ends[0]) if stated else None, alpha_high=float(ends[1]) if stated else None,
         danger=float(danger) if ok else None, box=s.box, score=s.score, centre=s.centre, centre_sd=s.centre_sd,
         rope_text=s.rope_text, rope_status="jump" if jump else s.rope_status,
-        rope_length_m=float(rope) if np.isfinite(rope) else None,
+        rope_length_m=float(rope) if np.isfinite(rope) else None, **(ahead if ok else {}),
     )  # fmt: skip
 
 

@@ -62,6 +62,12 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
         Ends of its 95 % interval.
     danger : float or None
         Probability that the swing exceeds 10°.
+    warning : float or None
+        Probability that it exceeds 10° within 6 s, now included.
+    peak, peak_low, peak_high : float or None
+        Expected α at the next turning point, and the ends of its 95 % interval.
+    peak_in_s : float or None
+        Time to the next turning point, at most 6 s.
     box : tuple of 4 floats, or None
         x0, y0, x1, y1 of the visible grab; (0, 0) is the outer corner of the top-left pixel.
     score : float
@@ -86,6 +92,11 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     alpha_low: float | None = None
     alpha_high: float | None = None
     danger: Annotated[float, Meta(ge=0, le=1)] | None = None
+    warning: Annotated[float, Meta(ge=0, le=1)] | None = None
+    peak: float | None = None
+    peak_low: float | None = None
+    peak_high: float | None = None
+    peak_in_s: float | None = None
     box: tuple[float, float, float, float] | None = None
     score: Annotated[float, Meta(ge=0, le=1)] = 0.0
     centre: tuple[float, float] | None = None

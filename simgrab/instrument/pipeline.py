@@ -20,7 +20,8 @@ from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.detect import FOUR_ROPE, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, IntervalSettings
-from simgrab.instrument.estimate.follow import Known, known, load
+from simgrab.instrument.estimate.follow import Known, directions, known, load
+from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, Rope, rope
@@ -203,7 +204,8 @@ class Pipeline:
         record = angles.arrays(observations, ropes)
         if self.tilt is not None:
             alpha, ends = angles.by_tilt(record, self.tilt, calibration)
-            return MeasuredRecord(record, angles.measurements(record, alpha, ends), None, self.tilt, clock)
+            found = _with_forecasts(record, alpha, ends, self.tilt, calibration)
+            return MeasuredRecord(record, found, None, self.tilt, clock)
         if self.calibrate_s is not None and record.time is None:
             raise RunError("independent frames have no first part to calibrate on")
         estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
@@ -218,7 +220,10 @@ class Pipeline:
             alpha, ends = angles.by_estimate(record, estimator, estimate)
         else:
             alpha, ends = angles.by_tilt(record, tilt, calibration)
-        return MeasuredRecord(record, angles.measurements(record, alpha, ends), estimate, tilt, clock)
+        if estimator.needs_imu or getattr(estimator, "controller", None):  # its camera moves
+            return MeasuredRecord(record, angles.measurements(record, alpha, ends), estimate, tilt, clock)
+        found = _with_forecasts(record, alpha, ends, tilt, calibration)
+        return MeasuredRecord(record, found, estimate, tilt, clock)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
@@ -229,6 +234,7 @@ class Pipeline:
         observations: list[Observation] = []
         lengths: list[float] = []
         tilt, due = self.tilt, WARM_UP_S
+        forecaster, before = Forecaster(), tilt
         for frame in ahead(frames):
             begun = time.perf_counter()
             if frame.time_s is None:
@@ -244,15 +250,20 @@ class Pipeline:
                 found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
                 tilt, due = (known(found) if found.ok else tilt), now + AGAIN_S
             newest = angles.arrays(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
+            alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""
             if tracker is not None:
-                alpha, ends = tracker.step(frame.time_s, observations[-1].centre, lengths[-1])
-                (measured,) = angles.measurements(newest, np.array([alpha]), np.array([ends]), tracker.waiting)
+                alpha[0], ends[0] = tracker.step(frame.time_s, observations[-1].centre, lengths[-1])
+                swing[0], waits = tracker.direction, tracker.waiting
             elif tilt is None:
-                nothing = np.full((1, 3), np.nan)
                 waits = f"no tilt yet: {now:.0f} s of {WARM_UP_S:.0f}"
-                (measured,) = angles.measurements(newest, nothing[:, 0], nothing[:, 1:], waits)
             else:
-                (measured,) = angles.measurements(newest, *angles.by_tilt(newest, tilt, calibration))
+                alpha, ends = angles.by_tilt(newest, tilt, calibration)
+                swing = directions(tilt, newest.pixels, calibration, newest.rope.length)
+                if before is not tilt and before is not None:
+                    forecaster.shift(swing - directions(before, newest.pixels, calibration, newest.rope.length))
+            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px)
+            (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s)
+            before = tilt
             yield Live(frame, observations[-1], measured, tilt, time.perf_counter() - begun)
 
 
@@ -280,6 +291,15 @@ def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
             waiting.append(thread.submit(next, source, end))
             yield item  # type: ignore[misc]  # not the end, hence a T
             del item  # a picture must not be kept while the next is awaited
+
+
+def _with_forecasts(
+    record: RecordArrays, alpha: Array, ends: Array, tilt: Known, calibration: Calibration
+) -> tuple[Measurement, ...]:
+    """Make the measurements of a record; each forecast rests on the tilt of all of it, but on no later frames."""
+    swing = directions(tilt, record.pixels, calibration, record.rope.length)
+    ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
+    return angles.measurements(record, alpha, ends, ahead=ahead_s)
 
 
 def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker | None:

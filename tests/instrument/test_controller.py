@@ -146,9 +146,9 @@ REFUSED_ROWS = {
 
 @pytest.mark.parametrize("what", list(REFUSED_ROWS))
 def test_rows_that_cannot_be_right_are_refused_with_their_number(tmp_path, what):
-    change, told = REFUSED_ROWS[what]
+    change, expected = REFUSED_ROWS[what]
     found = read_controller(plain(tmp_path, change))
-    assert told in found.notes[0]
+    assert expected in found.notes[0]
     assert (np.diff(found.time) > 0).all()
     if "jumps back" not in what:
         assert len(found.notes) == 1
@@ -181,7 +181,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("what", list(REFUSED))
 def test_hostile_files_are_one_line(tmp_path, what):
-    change, tables, content, told = REFUSED[what]
+    change, tables, content, expected = REFUSED[what]
     if what == "no file":
         path = tmp_path / "crane.csv"
     else:
@@ -192,7 +192,7 @@ def test_hostile_files_are_one_line(tmp_path, what):
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(RecordError) as caught:
         read_controller(path)
-    assert told in str(caught.value)
+    assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -202,7 +202,7 @@ def tables_of(path):
     return tomllib.loads(path.with_suffix(".toml").read_text(encoding="utf-8"))
 
 
-def told(offset=0.0, clock_sd_s=5.0, rope=ROPE):
+def reading(offset=0.0, clock_sd_s=5.0, rope=ROPE):
     return Controller(TIME - offset, None, None, rope, 0.0, 0.0, 0.003, clock_sd_s)
 
 
@@ -215,31 +215,31 @@ def displayed(time, delay):
 def test_the_clocks_offset_is_found_from_the_display_within_its_delay(offset):
     frames = np.arange(5, 50, 1 / 9)
     for delay in (0.0, 0.4, 0.8):  # and a tenth of a second more, for which the display holds a value
-        found = clock_offset(told(offset), frames, displayed(frames, delay) + 1.0)
+        found = clock_offset(reading(offset), frames, displayed(frames, delay) + 1.0)
         assert found.offset_s == pytest.approx(offset + delay + 0.1 - 0.5, abs=0.05)
         low, high = found.interval_s
         assert low < offset < high
         assert high - low < 1.3
         assert found.difference_m == pytest.approx(1.0, abs=0.1)
         assert "+1.0" in found.note
-    known = clock_offset(told(0.0, clock_sd_s=0.02), frames, displayed(frames, 0.8))
+    known = clock_offset(reading(0.0, clock_sd_s=0.02), frames, displayed(frames, 0.8))
     assert abs(known.offset_s) < 0.01
 
 
 def test_a_clock_that_lengths_cannot_show_is_the_stated_one():
     frames = np.arange(5, 50, 1 / 9)
-    still = clock_offset(told(rope=np.full(len(TIME), 15.0)), frames, np.full(len(frames), 15.0))
-    none = clock_offset(told(rope=None), frames, np.full(len(frames), 15.0))
-    unread = clock_offset(told(), frames, np.full(len(frames), np.nan))
+    still = clock_offset(reading(rope=np.full(len(TIME), 15.0)), frames, np.full(len(frames), 15.0))
+    none = clock_offset(reading(rope=None), frames, np.full(len(frames), 15.0))
+    unread = clock_offset(reading(), frames, np.full(len(frames), np.nan))
     assert {(one.offset_s, one.sd_s, one.source) for one in (still, none, unread)} == {(0.0, 5.0, "its description")}
 
 
 def test_another_record_is_refused():
     frames = np.arange(5, 50, 1 / 9)
     with pytest.raises(RecordError, match=r"does not follow the display's: they differ by \d\.\d m"):
-        clock_offset(told(), frames, 30 - displayed(frames, 0.5))
+        clock_offset(reading(), frames, 30 - displayed(frames, 0.5))
     with pytest.raises(RecordError, match=r"no time in common: 0\.0 to 59\.9 s and 100\.0 to .* time\.start"):
-        clock_offset(told(), frames + 95, displayed(frames, 0.5))
+        clock_offset(reading(), frames + 95, displayed(frames, 0.5))
 
 
 def nobody(_picture):
@@ -253,12 +253,12 @@ def test_the_controllers_rope_replaces_a_display():
     data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, notes=("one row refused",))
     pipeline = Pipeline(nobody, None, controller=data)
     found = pipeline.conclude(blind, camera)
-    expected = Pipeline(nobody, None, RopeAware(intervals=rooms.INTERVALS)).conclude
+    without = Pipeline(nobody, None, RopeAware(intervals=rooms.INTERVALS)).conclude
     assert found.estimate.estimator == "rope-aware"
     np.testing.assert_array_equal(found.arrays.rope.length, crane.rope)
     assert found.clock.source == "its description"
     with pytest.raises(RunError, match="there is none of the controller"):
-        expected(blind, camera)
+        without(blind, camera)
     half = dataclasses.replace(data, time=crane.time[:200], rope=crane.rope[:200])
     late = dataclasses.replace(pipeline, controller=half).conclude(blind, camera).measurements[300]
     assert (late.status, late.reason) == ("unread", "neither a display nor the controller states the rope's length")

@@ -24,7 +24,7 @@ from simgrab.instrument.run import runs
 from simgrab.instrument.run.run import RunOptions, run
 from simgrab.judge.check import metrics
 from simgrab.judge.check.trial import flat
-from simgrab.judge.evaluate import budget, swings, truths
+from simgrab.judge.evaluate import budget, swings, truths, warnings
 from simgrab.judge.evaluate.budget import CHAIN
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.page import page
@@ -247,6 +247,38 @@ def test_alarms_are_judged_by_event():
     wrong[350:355] = 12.0
     assert compare(wrong, true)["false"] == 1
     assert compare(wrong, true)["precision"] == pytest.approx(20 / 25)
+
+
+def test_early_warnings_are_judged_by_lead_and_by_what_follows():
+    times, true = np.arange(1080) / 9, np.full(1080, 2.0)
+    true[360:370], true[630:640] = 11.0, 12.0
+    chance = np.full(1080, 0.5)
+    chance[324:360], chance[639:642], chance[900:909] = 0.9, 0.8, 1.0  # 4 s before, too late, and for nothing
+
+    def given(chance):
+        return [Measurement(status="ok", alpha=np.radians(2), warning=p, peak=0.2) for p in chance.tolist()]
+
+    found = warnings.score(times, given(chance), np.radians(true))
+    counts = {name: found[name] for name in ("events", "missed", "late", "reported", "false")}
+    assert counts == {"events": 2, "missed": 0, "late": 1, "reported": 3, "false": 1}
+    assert found["leads"] == pytest.approx([4, -1])
+    assert found["false_per_h"] == pytest.approx(3600 / times[-1])
+    silent = warnings.score(times, given(0.1 * chance), np.radians(true))
+    assert (silent["missed"], silent["lead_s"], silent["reported"]) == (2, None, 0)
+
+
+def test_forecasts_are_judged_by_what_happens():
+    happened = np.arange(100) < 70
+    assert warnings.reliability(np.full(100, 0.7), happened) == pytest.approx(0)
+    assert warnings.reliability(np.where(np.arange(100) < 50, 0.3, 0.9), happened) == pytest.approx((0.7 + 0.5) / 2)
+    times = np.arange(0, 60, 1 / 9)
+    swing = np.abs(0.1 * np.cos(2 * np.pi * times / 8))
+    said = [Measurement(status="ok", alpha=a, rope_length_m=9.81 * (4 / np.pi) ** 2, peak=0.1) for a in swing.tolist()]
+    found = warnings.score(times, said, swing)
+    for name in ("peak_rmse_deg", "persist_rmse_deg", "two_frames_rmse_deg"):
+        assert found[name] < 0.2
+    assert np.nanmax(warnings.within(times, swing)) == pytest.approx(0.1)
+    assert np.isnan(warnings.within(times, swing)[-50:]).all()
 
 
 def test_coverage_is_the_share_within():

@@ -173,24 +173,24 @@ def update(covariance: Array, reading: Array, error: Array, noise: Array) -> tup
 
     Parameters
     ----------
-    covariance : ndarray, shape (d, d)
+    covariance : ndarray, shape (..., d, d)
         P.
     reading : ndarray, shape (m, d)
         H.
-    error : ndarray, shape (m,)
+    error : ndarray, shape (..., m)
         y − Hx.
-    noise : ndarray, shape (m, m)
+    noise : ndarray, shape (..., m, m)
         R.
 
     Returns
     -------
-    change : ndarray, shape (d,)
-    covariance : ndarray, shape (d, d)
+    change : ndarray, shape (..., d)
+    covariance : ndarray, shape (..., d, d)
     """
     both = reading @ covariance
-    gain = np.linalg.solve(both @ reading.T + noise, both).T
-    kept = np.eye(len(covariance)) - gain @ reading
-    return gain @ error, kept @ covariance @ kept.T + gain @ noise @ gain.T
+    gain = np.linalg.solve(both @ reading.T + noise, both).mT
+    kept = np.eye(covariance.shape[-1]) - gain @ reading
+    return (gain @ error[..., None])[..., 0], kept @ covariance @ kept.mT + gain @ noise @ gain.mT
 
 
 def jacobian(function: Callable[[Array], Array], size: int, only: Iterable[int] | None = None) -> Array:

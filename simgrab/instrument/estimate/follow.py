@@ -99,6 +99,25 @@ def load(path: str | Path) -> Known:
     return convert({"offset_m": None} | data, Known, CalibrationError, path)
 
 
+def directions(tilt: Known, pixels: Array, calibration: Calibration, rope_length: Array) -> Array:
+    r"""Horizontal part of the unit direction OA under a known tilt, jib frame, shape (n, 2).
+
+    Parameters
+    ----------
+    tilt : Known
+    pixels : ndarray, shape (n, 2)
+        NaN where the grab was not found.
+    calibration : Calibration
+    rope_length : ndarray, shape (n,)
+        \|OA\|, m; NaN where it is not known.
+    """
+    (frames,) = groups(pixels[None], None, None, calibration)
+    down = gravity(np.array([np.deg2rad(tilt.beta_deg)]), np.array([np.deg2rad(tilt.tilt_azimuth_deg)]))
+    with np.errstate(invalid="ignore"):
+        found = swings(frames, 1 / rope_length, down, np.array([tilt.offset_m or (0.0, 0.0, 0.0)]))[0].T
+    return np.where(np.isfinite(pixels), found, np.nan)
+
+
 def follow(
     tilt: Known,
     pixels: ArrayLike,

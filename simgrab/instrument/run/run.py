@@ -258,9 +258,10 @@ def _conclude(
     times, names = notes.times[: len(measurements)], notes.names[: len(measurements)]  # a live run may be ahead of them
     time_s = None if None in times else np.array(times, float)
     found = () if time_s is None else alarm.events(time_s, measurements, rule)
+    early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNING, alarm.warning)
     estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
-    told = _controller(instrument, None if record is None else record.clock)
+    reported = _controller(instrument, None if record is None else record.clock)
     about = {
         "simgrab": version("simgrab"),
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
@@ -269,9 +270,10 @@ def _conclude(
         "assumed": assumptions(calibration, record, tilt, instrument),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
-        "notes": [*notes.notes, *told.pop("notes", ())],
+        "warnings": runs.alarms(early),
+        "notes": [*notes.notes, *reported.pop("notes", ())],
         "speed": speed,
-    } | ({"controller": told} if told else {})  # fmt: skip
+    } | ({"controller": reported} if reported else {})  # fmt: skip
     return Run(instrument.name, source, calibration, time_s, tuple(names), measurements, found, about)
 
 

@@ -33,6 +33,7 @@ from simgrab.text import cell, encodable, printable
 
 TABLE, SHEET, ALARMS, ABOUT, CAMERA = "angles.parquet", "angles.csv", "alarms.json", "run.json", "camera.toml"
 _ANGLES = ("alpha", "alpha_low", "alpha_high")
+_PEAK = ("peak", "peak_low", "peak_high")
 _PARTS = {
     "box": ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"),
     "centre": ("u_px", "v_px"),
@@ -140,20 +141,25 @@ def rows(run: Run) -> list[dict[str, Any]]:
 
 def _row(m: Measurement) -> dict[str, Any]:
     plain: dict[str, Any] = {"status": m.status, "reason": encodable(m.reason)}
-    for name in _ANGLES:
-        value = getattr(m, name)
-        plain[f"{name}_deg"] = None if value is None else math.degrees(value)
+    plain |= {f"{name}_deg": _degrees(getattr(m, name)) for name in _ANGLES}
     plain |= {"danger": m.danger, "score": m.score}
     for name, columns in _PARTS.items():
         plain |= dict(zip(columns, getattr(m, name) or (None,) * len(columns), strict=True))
     rope_text = None if m.rope_text is None else encodable(m.rope_text)
-    return plain | {"rope_text": rope_text, "rope_status": m.rope_status, "rope_length_m": m.rope_length_m}
+    plain |= {"rope_text": rope_text, "rope_status": m.rope_status, "rope_length_m": m.rope_length_m}
+    plain |= {"warning": m.warning} | {f"{name}_deg": _degrees(getattr(m, name)) for name in _PEAK}
+    return plain | {"peak_in_s": m.peak_in_s}
+
+
+def _degrees(value: float | None) -> float | None:
+    return None if value is None else math.degrees(value)
 
 
 def _measurement(row: dict[str, Any]) -> Measurement:
     plain = {name: row[name] for name in (*_TEXT, "danger", "score", "rope_length_m")}
-    for name in _ANGLES:
-        value = row[f"{name}_deg"]
+    plain |= {name: row.get(name) for name in ("warning", "peak_in_s")}  # older runs have no forecast
+    for name in (*_ANGLES, *_PEAK):
+        value = row.get(f"{name}_deg") if name in _PEAK else row[f"{name}_deg"]
         plain[name] = None if value is None else math.radians(value)
     for name, columns in _PARTS.items():
         part = tuple(row[column] for column in columns)
@@ -178,9 +184,8 @@ def alarms(events: Sequence[Event]) -> list[dict[str, Any]]:
         {
             "event": i, "first_frame": e.first, "last_frame": e.last, "peak_frame": e.peak, "onset_s": e.onset_s,
             "end_s": e.end_s, "duration_s": e.duration_s, "peak_s": e.peak_s, "ongoing": e.ongoing,
-            "alpha_deg": math.degrees(e.alpha),
-            "alpha_low_deg": None if e.alpha_low is None else math.degrees(e.alpha_low),
-            "alpha_high_deg": None if e.alpha_high is None else math.degrees(e.alpha_high),
+            "alpha_deg": _degrees(e.alpha), "alpha_low_deg": _degrees(e.alpha_low),
+            "alpha_high_deg": _degrees(e.alpha_high),
             "danger": e.danger, "confirmed": None,
         }
         for i, e in enumerate(events, 1)

@@ -78,6 +78,8 @@ def held(run: Run) -> list[tuple[str, str]]:
     owed = run.about.get("assumed", {}).get("text")
     rows += [("95 % intervals", owed)] if owed else []
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
+    if any(m.warning is not None for m in run.measurements):
+        rows.append(("early warnings", str(len(run.about["warnings"]))))
     rows.append(("speed", f"{speed['frames_per_s']:.1f} frames/s"))
     if "latency_p99_s" in speed:
         rows.append(("latency, 99 %", f"{1e3 * speed['latency_p99_s']:.0f} ms"))

@@ -32,6 +32,7 @@ _PARTS: dict[str, list[str]] = {
     "reading": ["jumps"], "reading.length": _numbers(values.Lengths),
     **{f"angle.{name}": _ERRORS for name in ("overall", "above_8_deg", *(f"by_rope.{name}" for name in ROPE_BINS_M))},
     "interval": _numbers(values.Coverage), "alarm": _numbers(values.Alarms),
+    "warning": _numbers(values.Warnings),
     "budget.drawn": _ERRORS, "budget.run": _ERRORS,
 }  # fmt: skip
 NAMES = frozenset(f"{part}.{name}" for part, names in _PARTS.items() for name in names)

@@ -12,12 +12,13 @@ from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Run
-from simgrab.judge.evaluate import detection, reading, swings, truths
+from simgrab.judge.evaluate import detection, reading, swings, truths, warnings
 from simgrab.judge.evaluate.budget import budget
 from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.judge.evaluate.values import Evaluation
+from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection, Reading
 
 
@@ -54,9 +55,16 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "angle": swings.angles(run.alpha, known.alpha, known.rope_length, known.weather),
         "interval": swings.coverage(run.measurements, known.alpha),
         "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha, rule),
+        "warning": _of_warning(run, known.alpha, rule),
         "budget": budget(run, known),
     }
     return msgspec.convert(found, Evaluation)
+
+
+def _of_warning(run: Run, true: Array, rule: Rule) -> dict[str, Any] | None:
+    if run.time is None or all(m.warning is None for m in run.measurements):
+        return None
+    return warnings.score(run.time, run.measurements, true, alarm=rule)
 
 
 def rule_of(run: Run) -> Rule:

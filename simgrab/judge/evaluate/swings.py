@@ -94,12 +94,12 @@ def alarms(
     sure = [e for e in real if e.alpha > SURELY]
     delays, already_on = [], 0
     for event in real:
-        reports = [f for f in raised if _meet(event, f)]
+        reports = [f for f in raised if meet(event, f)]
         if reports and reports[0].onset_s < event.onset_s - _SLACK_S:
             already_on += 1
         elif reports:
             delays.append(reports[0].first - event.first)
-    false = [f for f in raised if not _swings(times, true, f)]
+    false = [f for f in raised if not swings_in(times, true, f)]
     said = np.array([danger(m) >= rule.raised_at for m in measurements], bool)
     given = np.array([m.alpha is not None for m in measurements], bool) & np.isfinite(true)
     said, real_danger = said[given], true[given] > DANGER
@@ -107,7 +107,7 @@ def alarms(
     return {
         "events": len(real),
         "sure": len(sure),
-        "missed": sum(not any(_meet(e, f) for f in raised) for e in sure),
+        "missed": sum(not any(meet(e, f) for f in raised) for e in sure),
         "reported": len(raised),
         "false": len(false),
         "delays": delays,
@@ -118,11 +118,12 @@ def alarms(
     }
 
 
-def _meet(event: Event, alarm: Event) -> bool:
+def meet(event: Event, alarm: Event) -> bool:
+    """Whether an alarm belongs to an event."""
     return alarm.onset_s <= event.end_s + _SLACK_S and alarm.end_s >= event.onset_s - _SLACK_S
 
 
-def _swings(times: Array, true: Array, alarm: Event) -> bool:
+def swings_in(times: Array, true: Array, alarm: Event) -> bool:
     """Whether the true swing reaches a level that may count as danger while an alarm is on."""
     during = (times >= alarm.onset_s - _SLACK_S) & (times <= alarm.end_s + _SLACK_S)
     return bool((true[during] >= HARDLY).any())

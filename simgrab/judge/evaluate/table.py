@@ -27,6 +27,7 @@ def tables(evaluation: Mapping[str, Any]) -> tuple[TextTable, ...]:
         _of_reading(evaluation["reading"]),
         _of_angle(evaluation["angle"], evaluation["interval"], evaluation["run"]["matched"]),
         _of_alarm(evaluation["alarm"]),
+        _of_warning(evaluation["warning"]),
         _of_budget(evaluation["budget"]),
     )
     return tuple(part for part in parts if part is not None)
@@ -102,6 +103,25 @@ def _of_alarm(f: Mapping[str, Any] | None) -> TextTable | None:
         ),
     )
     return TextTable("Alarms", ("", ""), rows)
+
+
+def _of_warning(f: Mapping[str, Any] | None) -> TextTable | None:
+    if f is None:
+        return None
+    rows = (
+        ("true swings beyond 10.5°, events", str(f["events"])),
+        ("of these without a warning, and with a late one", f"{f['missed']}, {f['late']}"),
+        ("median lead (s)", text(f["lead_s"], 1)),
+        ("warnings", str(f["reported"])),
+        ("of these false, and per hour", f"{f['false']}, {text(f['false_per_h'], 1)}"),
+        (f"reliability in {f['unsure']} frames between 5 % and 95 %", percent(f["reliability"])),
+        ("next peak, RMSE (deg)", text(f["peak_rmse_deg"], 2)),
+        ("if the last one persists", text(f["persist_rmse_deg"], 2)),
+        ("of an undamped pendulum from two frames", text(f["two_frames_rmse_deg"], 2)),
+        ("coverage of its 95 % intervals", percent(f["peak_coverage"])),
+        ("mean width of these intervals (deg)", text(f["peak_width_deg"], 1)),
+    )
+    return TextTable("Early warnings", ("", ""), _known(rows), "The lead is at most 6 s.")
 
 
 def _of_budget(f: Mapping[str, Any] | None) -> TextTable | None:

@@ -138,6 +138,48 @@ class ReadingScore(GroupScore, frozen=True):
     length: Lengths
 
 
+class Warnings(msgspec.Struct, frozen=True):
+    """Early warnings, and forecasts of the next turning point, compared with the true swing.
+
+    Attributes
+    ----------
+    hours : float
+    events, missed, late : int
+        True swings beyond 10.5°; those without a warning, and those whose warning did not come before 10° was passed.
+    reported, false : int
+        Warnings, and those in which, and 6 s after which, the true swing stays below 9.5°.
+    false_per_h : float or None
+    leads : list of float
+        Time from the warning to the true 10°, s, at most 6 s, of each event with one; ``lead_s`` is their median.
+    unsure : int
+        Frames with a forecast between 5 % and 95 % whose next 6 s are known.
+    reliability : float or None
+        Mean distance, over these frames, of the share that happened from the stated probability, in ten bins.
+    peak_rmse_deg, persist_rmse_deg, two_frames_rmse_deg : float or None
+        Errors of the next turning point's swing: as forecast, if the last one persists, and of an undamped pendulum
+        from two frames.
+    peak_coverage, peak_width_deg : float or None
+        Share of turning points within their 95 % intervals, and these intervals' mean width (sharpness).
+    """
+
+    hours: float
+    events: int
+    missed: int
+    late: int
+    reported: int
+    false: int
+    false_per_h: float | None
+    leads: list[float]
+    lead_s: float | None
+    unsure: int
+    reliability: float | None
+    peak_rmse_deg: float | None
+    persist_rmse_deg: float | None
+    two_frames_rmse_deg: float | None
+    peak_coverage: float | None
+    peak_width_deg: float | None
+
+
 class BudgetRow(msgspec.Struct, frozen=True):
     """One row of the error budget: what was replaced by the truth, the tilt that followed, and the errors of α."""
 
@@ -196,6 +238,8 @@ class Evaluation(msgspec.Struct, frozen=True):
     interval : Coverage
     alarm : Alarms or None
         None where frames have no time.
+    warning : Warnings or None
+        None where there are no forecasts.
     budget : Budget or None
     """
 
@@ -206,6 +250,7 @@ class Evaluation(msgspec.Struct, frozen=True):
     angle: Angles
     interval: Coverage
     alarm: Alarms | None
+    warning: Warnings | None
     budget: Budget | None
 
     def to_dict(self) -> dict[str, Any]:

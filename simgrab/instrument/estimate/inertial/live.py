@@ -66,6 +66,11 @@ class InertialTracker:
     _due: float = field(init=False, default=WARM_UP_S)
     _refused: str = field(init=False, default="")
 
+    @property
+    def direction(self) -> Array:
+        """Horizontal part of the unit direction OA in the last frame, level frame, shape (2,); NaN without a swing."""
+        return np.full(2, np.nan) if self._filter is None else self._filter.direction
+
     def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
         """Process a frame.
 
@@ -147,6 +152,11 @@ class _Filter:
     def lost(self) -> bool:
         """Whether no pixel has agreed with its prediction for so long that the state is wrong."""
         return self.time - self._disagrees_since > LOST_S
+
+    @property
+    def direction(self) -> Array:
+        """Horizontal part of the unit direction OA, level frame."""
+        return self._state[SWING]
 
     def swing(self) -> tuple[float, tuple[float, float]]:
         """Give α and the ends of its interval."""

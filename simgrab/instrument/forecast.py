@@ -1,0 +1,254 @@
+"""The next seconds of a swing: a Kalman filter of the pendulum up to a frame, and sampled paths from there on."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simgrab.instrument.alarm import DANGER, exceeding
+from simgrab.instrument.estimate import pendulum
+from simgrab.instrument.estimate.chain import update
+from simgrab.instrument.estimate.pendulum import DEGREES, GRAVITY, MEMORY_S, NODE_S, Links
+from simgrab.model.geometry import Array
+from simgrab.model.rng import stream
+
+HORIZON_S = 6.0  # of a warning: half a period of 35 m of rope
+PATHS = 64
+CUT_S = 5.0  # a longer silence begins the filter anew
+STATE, TURN = 7, 6  # state of the pendulum, and the jib's turning rate
+LENGTH = 15.0  # m, that scales p
+FIXED = np.zeros(pendulum.PARAMETERS)
+FIXED[pendulum.DAMPING] = 0.005
+FAST = 2e-3  # m²/s³, white acceleration: gusts
+SLOW = 0.03  # rad, forcing that lasts: a jib head that speeds up at 0.3 m/s²
+TURNING = 0.05  # rad/s, standard deviation of a turning rate that nobody reports: 0.5 rpm
+REPORTED = 0.25  # share of both that is left where a controller reports the jib's motion
+RATE = 0.2  # rad/s, standard deviation of the swing's rate at first
+HOIST_S = 0.7  # over which the hoist's speed is averaged
+UNSEEN = 1e6  # variance of a place that was not seen
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What frames so far say of the swings of k records.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (k, 7)
+        State of `simgrab.instrument.estimate.pendulum`, and the jib's turning rate, rad/s.
+    covariance : ndarray, shape (k, 7, 7)
+    rope, hoist : ndarray, shape (k,)
+        |OA|, m, NaN before the first frame; its rate, m/s.
+    reported : ndarray, shape (k, 3)
+        Forcing, rad, and turning rate that a controller reports; they add to those of ``mean``.
+    """
+
+    mean: Array
+    covariance: Array
+    rope: Array
+    hoist: Array
+    reported: Array
+
+    @classmethod
+    def before(cls, records: int) -> State:
+        """Know nothing."""
+        shapes = (records, STATE), (records, STATE, STATE), (records,), (records,), (records, STATE - TURN + 2)
+        mean, covariance, rope, hoist, reported = map(np.zeros, shapes)
+        return cls(mean, covariance, rope * np.nan, hoist, reported)
+
+    @classmethod
+    def joined(cls, states: Sequence[State]) -> State:
+        """Put states together, one after another."""
+        return cls(*(np.concatenate(parts) for parts in zip(*(vars(s).values() for s in states), strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Next seconds of k records; NaN where there is no state.
+
+    Attributes
+    ----------
+    warning : ndarray, shape (k,)
+        Probability that α exceeds 10° within `HORIZON_S`, now included.
+    peak, peak_low, peak_high : ndarray, shape (k,)
+        Median of α at the next turning point, rad, and the ends of its 95 % interval.
+    peak_in_s : ndarray, shape (k,)
+        Median time to it, s, at most `HORIZON_S`.
+    """
+
+    warning: Array
+    peak: Array
+    peak_low: Array
+    peak_high: Array
+    peak_in_s: Array
+
+
+class Forecaster:
+    """Filter the swings of k records with common frame times. A state rests on no later frames.
+
+    The axes are those of the jib and turn with it. Slow forcing stands for wind and for unknown acceleration of the jib
+    head.
+    """
+
+    def __init__(self, records: int = 1) -> None:
+        self.state, self._time = State.before(records), -np.inf
+
+    def step(
+        self, time: float, swing: Array, sd: Array | float, rope: Array, reported: Array | None = None
+    ) -> State:  # fmt: skip
+        """Process a frame.
+
+        Parameters
+        ----------
+        time : float
+            s, later than the frame before.
+        swing : ndarray, shape (k, 2)
+            Horizontal part of the unit direction OA, jib frame; NaN where nothing was seen.
+        sd : ndarray, shape (k,), or float
+            Its standard deviation per axis from the pixel alone, rad.
+        rope : ndarray, shape (k,)
+            |OA|, m; NaN where it is not known.
+        reported : ndarray, shape (k, 3), optional
+            What the crane's controller reports: acceleration of O, jib frame, m/s², and slewing rate,
+            counter-clockwise, rad/s.
+
+        Returns
+        -------
+        State
+        """
+        last, seconds = self.state, time - self._time
+        if seconds > CUT_S:
+            last = State.before(len(rope))
+        rope = np.where(np.isfinite(rope), rope, last.rope)
+        seen = np.isfinite(swing).all(axis=-1) & np.isfinite(rope)
+        first = np.isnan(last.rope)
+        forced = last.reported
+        if reported is not None:
+            forced = np.column_stack([-reported[:, :2] / GRAVITY, reported[:, 2]])
+        mean, covariance, hoist = last.mean, last.covariance, last.hoist
+        if not first.all():
+            before, after = (np.where(first, LENGTH, r) for r in (last.rope, rope))
+            hoist = hoist + (1 - np.exp(-seconds / HOIST_S)) * ((after - before) / seconds - hoist)
+            mean, covariance = _predicted(
+                mean, covariance, forced, np.linspace(before, after, _parts(seconds)), seconds
+            )
+        mean[first], hoist[first] = 0, 0
+        of_p = RATE * (np.where(seen, rope, 0.0) / LENGTH) ** 2
+        one = np.ones_like(of_p)
+        sds = np.stack([one, one, of_p, of_p, SLOW * one, SLOW * one, TURNING * one], axis=-1)
+        covariance[first] = (sds[:, None] * sds[..., None] * np.eye(STATE))[first]
+        error = np.where(seen[:, None], swing - mean[:, :2], 0)
+        noise = np.where(seen, np.square(sd), UNSEEN)[:, None, None] * np.eye(2)
+        solved = np.linalg.solve(covariance[:, :2, :2] + noise, error[..., None])[..., 0]
+        noise = noise * ((DEGREES + np.vecdot(error, solved)) / (DEGREES + 2))[:, None, None]
+        change, covariance = update(covariance, np.eye(2, STATE), error, noise)
+        self._time, self.state = (
+            time,
+            State(mean + change, covariance, np.where(first & ~seen, np.nan, rope), hoist, forced),
+        )
+        return self.state
+
+    def shift(self, by: Array) -> None:
+        """Move places and forcing by (k, 2), rad, because the tilt was estimated again; NaN moves nothing."""
+        mean = self.state.mean.copy()
+        mean[:, :6] += np.nan_to_num(by)[:, [0, 1, 0, 1, 0, 1]] * np.repeat([1.0, 0.0, 1.0], 2)
+        self.state = replace(self.state, mean=mean)
+
+
+def forecast(state: State, tilt_sd: Array) -> Forecast:
+    """Sample `PATHS` paths from each state, with the same draws every time.
+
+    Parameters
+    ----------
+    state : State
+    tilt_sd : ndarray, shape (k,)
+        Standard deviation of the part of α's error that does not change, from tilt and offset, rad.
+    """
+    known = np.isfinite(state.rope)
+    steps = round(HORIZON_S / NODE_S)
+    half = stream(0, 0, "forecast").standard_normal((PATHS // 2, STATE * (steps + 1) + 1))
+    drawn = np.concatenate([half, -half])
+    draws, of_tilt = drawn[:, :-1].reshape(PATHS, steps + 1, STATE), drawn[:, -1]
+    x = state.mean[:, None] + draws[:, 0] @ np.linalg.cholesky(state.covariance + 1e-14 * np.eye(STATE)).mT
+    x[..., 4:] += state.reported[:, None]
+    x = np.where(known[:, None, None], x, 0.0).reshape(-1, STATE)
+    ahead = np.linspace(0, HORIZON_S, steps + 1)
+    rope = np.where(known, state.rope, LENGTH)[:, None]
+    # The hoist's speed is expected to last as long as the slow forcing.
+    ropes = np.maximum(rope + state.hoist[:, None] * MEMORY_S * -np.expm1(-ahead / MEMORY_S), rope / 2)
+    h = np.full(len(rope), ahead[1])
+    sines = [np.hypot(x[:, 0], x[:, 1])]
+    for i in range(1, len(ahead)):
+        links = Links(h, ropes[:, i - 1], ropes[:, i], LENGTH)
+        x = _advance(x, _repeated(links, PATHS)) + (draws[:, i] @ np.linalg.cholesky(_noise(links)).mT).reshape(x.shape)
+        sines.append(np.hypot(x[:, 0], x[:, 1]))
+    alpha = np.arcsin(np.minimum(sines, 1.0)).T.reshape(len(rope), PATHS, -1)
+    most, peak, place = _peaks(alpha)
+    tilt_sd = np.broadcast_to(tilt_sd, known.shape)[:, None]
+    low, middle, high = np.quantile(np.abs(peak + tilt_sd * of_tilt), [0.025, 0.5, 0.975], axis=-1)
+    found = exceeding(most, tilt_sd, DANGER).mean(axis=-1), middle, low, high, np.median(place, axis=-1) * ahead[1]
+    return Forecast(*(np.where(known, values, np.nan) for values in found))
+
+
+def _parts(seconds: float) -> int:
+    return max(int(np.ceil(seconds / NODE_S - 1e-9)), 1) + 1
+
+
+def _repeated(links: Links, times: int) -> Links:
+    step, before, after = (np.repeat(a, times) for a in (links.step, links.before, links.after))
+    return Links(step, before, after, links.length)
+
+
+def _predicted(mean: Array, covariance: Array, forced: Array, ropes: Array, seconds: float) -> tuple[Array, Array]:
+    """Mean and covariance after the steps between rope lengths (parts + 1, k)."""
+    h = np.full(ropes.shape[1], seconds / (len(ropes) - 1))
+    changes = np.concatenate([np.zeros((1, STATE)), 1e-6 * np.eye(STATE), -1e-6 * np.eye(STATE)])
+    unknown = REPORTED if forced.any() else 1.0
+    for before, after in itertools.pairwise(ropes):
+        links = Links(h, before, after, LENGTH)
+        x = mean.copy()
+        x[:, 4:] += forced
+        x = (x[:, None] + changes).reshape(-1, STATE)
+        moved = _advance(x, _repeated(links, len(changes))).reshape(-1, len(changes), STATE)
+        carry = ((moved[:, 1 : STATE + 1] - moved[:, STATE + 1 :]) / 2e-6).mT
+        covariance = carry @ covariance @ carry.mT + _noise(links, unknown)
+        mean = moved[:, 0]
+        mean[:, 4:] -= forced * np.exp(-h / MEMORY_S)[:, None]
+    return mean, covariance
+
+
+def _noise(links: Links, unknown: float = 1.0) -> Array:
+    """Covariance (k, 7, 7) that a step adds."""
+    slow = links.slow * unknown**2
+    added = pendulum.of_axes(links.fast * FAST, 0, STATE) + pendulum.of_axes(slow * SLOW**2, 4, STATE)
+    added[:, TURN, TURN] = slow[:, 0, 0] * TURNING**2
+    return added
+
+
+def _advance(x: Array, links: Links) -> Array:
+    """States (k, 7) after one step, in axes that have turned with the jib."""
+    moved, angle = pendulum.advance(x[:, :TURN], FIXED, links), (x[:, TURN] * links.step)[:, None]
+    u, v = moved[:, ::2], moved[:, 1::2]
+    c, s = np.cos(angle), np.sin(angle)
+    turned = np.stack([c * u + s * v, c * v - s * u], axis=-1).reshape(moved.shape)
+    return np.column_stack([turned, x[:, TURN] * np.exp(-links.step / MEMORY_S)])
+
+
+def _peaks(alpha: Array) -> tuple[Array, Array, Array]:
+    """Greatest α of paths (..., n), and height and place, in steps, of the first turning point.
+
+    They are those of parabolas through three nodes. A path without a turning point ends at its peak.
+    """
+    left, here, right = alpha[..., :-2], alpha[..., 1:-1], alpha[..., 2:]
+    is_top = (here > left) & (here >= right)
+    bend = np.where(is_top, 2 * here - left - right, 1.0)
+    shift = (right - left) / (2 * bend)
+    height = np.where(is_top, here + bend * shift**2 / 2, 0.0)
+    first, some = np.argmax(is_top, axis=-1)[..., None], is_top.any(axis=-1)
+    at = (first + 1 + np.take_along_axis(shift, first, -1))[..., 0]
+    peak = np.where(some, np.take_along_axis(height, first, -1)[..., 0], alpha[..., -1])
+    most = np.maximum(height.max(axis=-1), alpha[..., [0, -1]].max(axis=-1))
+    return most, peak, np.where(some, at, alpha.shape[-1] - 1.0)

@@ -1,0 +1,143 @@
+"""Forecasts of the swing: exact where the motion is known, from no later frames, and as frequent as they state."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from simgrab.instrument import forecast as fc
+from simgrab.instrument.alarm import DANGER
+from simgrab.instrument.estimate.follow import Known
+from simgrab.instrument.estimate.pendulum import DAMPING, GRAVITY, MEMORY_S
+from simgrab.instrument.forecast import Forecaster, State, forecast
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.read import Reader
+from simgrab.instrument.run import runs
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from swinging import record
+
+RATE = 9.0
+
+
+@pytest.fixture
+def undisturbed(monkeypatch):
+    """No noise and no damping in the model."""
+    for name in ("FAST", "SLOW", "TURNING"):
+        monkeypatch.setattr(fc, name, 1e-9)
+    monkeypatch.setattr(fc, "FIXED", np.zeros_like(fc.FIXED))
+
+
+@pytest.mark.usefixtures("undisturbed")
+@pytest.mark.parametrize("degrees", [2.0, 12.0])
+@pytest.mark.parametrize("turning", [0.0, 0.1])
+def test_the_peak_of_an_undamped_pendulum_is_known(degrees, turning):
+    """The axes may turn with the jib: the controller reports it."""
+    peak, rope = np.radians(degrees), np.array([20.0])
+    time = np.arange(100) / RATE
+    swing = solve_ivp(
+        lambda _, y: (y[1], -GRAVITY / 20 * np.sin(y[0])), (0, 12), (peak, 0), t_eval=time, rtol=1e-9, atol=1e-12
+    ).y[0]
+    places = np.sin(swing)[:, None] * np.stack([np.cos(-turning * time), np.sin(-turning * time)], axis=-1)
+    forecaster = Forecaster()
+    for t, place in zip(time, places, strict=True):
+        state = forecaster.step(t, place[None], 1e-6, rope, np.array([[0.0, 0.0, turning]]))
+    found = forecast(state, np.zeros(1))
+    assert found.peak == pytest.approx([peak], rel=2e-3)
+    assert found.warning == [float(peak > DANGER)]
+    quarter = np.pi / 2 * np.sqrt(20 / GRAVITY) * (1 + peak**2 / 16)
+    assert found.peak_in_s == pytest.approx([-time[-1] % (2 * quarter)], abs=0.05)
+
+
+@pytest.mark.usefixtures("undisturbed")
+def test_a_pivot_that_accelerates_as_the_controller_reports_is_foreseen():
+    state = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), np.array([[0.0, -0.8, 0.0]]))
+    still = State(state.mean, 1e-12 * state.covariance, state.rope, state.hoist, state.reported)
+    t, w = np.linspace(0, 4, 4001), np.sqrt(GRAVITY / 10)
+    swing = np.exp(-t / MEMORY_S) - np.cos(w * t) + np.sin(w * t) / (w * MEMORY_S)
+    swing *= 0.8 / GRAVITY / (1 + 1 / (w * MEMORY_S) ** 2)
+    found = forecast(still, np.zeros(1))
+    assert found.peak == pytest.approx([swing.max()], rel=0.05)
+    assert found.peak_in_s == pytest.approx([t[swing.argmax()]], rel=0.05)
+
+
+def records(rng, count, seconds, rope):
+    """Small swings of the model's own process in one dimension each way, (count, frames, 2), rad."""
+    h, w = 1 / (RATE * 4), np.sqrt(GRAVITY / rope)
+    rates = np.array([[0, 1, 0], [-(w**2), -2 * fc.FIXED[DAMPING] * w, w**2], [0, 0, -1 / MEMORY_S]])
+    carry = expm(h * rates)
+    drive = np.array([0, np.sqrt(fc.FAST * h) / rope, fc.SLOW * np.sqrt(2 * h / MEMORY_S)])
+    x = rng.normal(size=(count, 2, 3)) * (0.06, 0.06 * w, fc.SLOW)
+    found = []
+    for i in range(round(seconds * RATE) * 4):
+        if i % 4 == 0:
+            found.append(x[..., 0])
+        x = x @ carry.T + rng.normal(size=x.shape) * drive
+    return np.stack(found, axis=1)
+
+
+def test_probabilities_and_intervals_are_those_of_the_model(monkeypatch):
+    monkeypatch.setattr(fc, "TURNING", 1e-9)
+    rng, rope, seen = np.random.default_rng(1), 12.0, round(20 * RATE)
+    s = records(rng, 400, 26.2, rope)
+    measured = s[:, : seen + 1] + rng.normal(0, 8e-4, (400, seen + 1, 2))
+    forecaster = Forecaster(400)
+    for i in range(seen + 1):
+        state = forecaster.step(i / RATE, measured[:, i], 8e-4, np.full(400, rope))
+    found = forecast(state, np.zeros(400))
+    alpha = np.arcsin(np.hypot(*np.moveaxis(s[:, seen:], -1, 0)))
+    happened = alpha[:, : round(6 * RATE) + 1].max(axis=1) > DANGER
+    for low, high in ((0.0, 1.0), (0.1, 0.5), (0.5, 0.9)):
+        some = (found.warning >= low) & (found.warning <= high)
+        chance = found.warning[some]
+        assert some.sum() > 30
+        assert abs(np.mean(happened[some] - chance)) < 3 * np.sqrt(np.mean(chance * (1 - chance)) / some.sum())
+    top = (alpha[:, 1:-1] > alpha[:, :-2]) & (alpha[:, 1:-1] >= alpha[:, 2:])
+    peak = np.take_along_axis(alpha, np.argmax(top, axis=1)[:, None] + 1, axis=1)[:, 0]
+    inside = (found.peak_low <= peak) & (peak <= found.peak_high)
+    assert 0.9 < inside.mean() < 0.99
+
+
+def test_no_later_frame_matters_and_gaps_are_bridged():
+    rng = np.random.default_rng(2)
+    s = records(rng, 1, 20, 12.0)[0]
+    s[30:40] = np.nan
+    rope = np.where(np.arange(len(s)) % 50 == 49, np.nan, 12.0)
+
+    def states(swing):
+        forecaster = Forecaster()
+        return [forecaster.step(i / RATE, one[None], 1e-3, rope[i : i + 1]) for i, one in enumerate(swing)]
+
+    first, other = states(s), states(np.concatenate([s[:100], -s[100:]]))
+    together = forecast(State.joined(first), np.full(len(s), 2e-3))
+    for i in (5, 35, 99):
+        alone = forecast(other[i], np.full(1, 2e-3))
+        for name, value in vars(alone).items():
+            assert value == pytest.approx(getattr(together, name)[i : i + 1])
+            assert np.isfinite(value)
+    assert not np.allclose(other[110].mean, first[110].mean)
+
+
+def test_a_run_states_forecasts_that_later_frames_do_not_change():
+    truth = record("alarm-cycles", frames=120, seed=1)
+    tilt = Known(
+        "given", 100, np.degrees(truth.beta[0]), 0.0, truth.calibration.offset_m, tuple(map(tuple, np.zeros((4, 4))))
+    )
+    seen = truth.observations(1.3, 1)
+    whole, first = (
+        Pipeline(None, Reader(), tilt=tilt).conclude(some, truth.calibration).measurements for some in (seen, seen[:60])
+    )
+    for a, b in zip(whole, first, strict=False):
+        for name in ("warning", "peak", "peak_low", "peak_high", "peak_in_s"):
+            assert getattr(a, name) == pytest.approx(getattr(b, name))
+    assert runs._measurement({"frame": 0} | runs._row(first[-1])).peak == pytest.approx(first[-1].peak)
+
+
+def test_silence_begins_the_filter_anew():
+    forecaster = Forecaster()
+    forecaster.step(0.0, np.array([[0.1, 0.0]]), 1e-3, np.array([12.0]))
+    state = forecaster.step(fc.CUT_S + 1, np.full((1, 2), np.nan), 1e-3, np.array([12.0]))
+    assert np.isnan(forecast(state, np.zeros(1)).warning)
