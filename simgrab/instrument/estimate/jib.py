@@ -105,10 +105,18 @@ class JibMotion:
 
 
 def smoothed(at: Array, time: Array, position: Array, sd: float) -> Array:
-    """Position, rate and acceleration (m, 3) at moments (m,) of an even grid from readings (n,) of a position in m.
+    """Smooth a position: itself, rate and acceleration, shape (m, 3).
 
-    NaN are no readings. A drive starts and brakes with jumps of the acceleration: jerk is rare and then large, which
-    iterated weights allow.
+    A drive starts and brakes with jumps of the acceleration: jerk is rare and then large, which iterated weights allow.
+
+    Parameters
+    ----------
+    at : ndarray, shape (m,)
+        Moments of a grid with steps of `STEP_S`.
+    time, position : ndarray, shape (n,)
+        Readings, m; NaN where one got lost.
+    sd : float
+        Standard deviation of a reading, m.
     """
     known = np.isfinite(position)
     nearest = np.clip(np.rint((time[known] - at[0]) / STEP_S).astype(int), 0, len(at) - 1)

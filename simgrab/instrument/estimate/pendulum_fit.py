@@ -27,6 +27,7 @@ from simgrab.model.geometry import Array
 
 SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
 STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
+WHOLE_STEPS = 6  # after which steps are halved: frequency and damping of a camera that does not move are any
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 
 
@@ -113,9 +114,10 @@ def fit(
             still = np.abs(strengths - before) < (np.inf, 0.03, 0.3)  # fast forcing may be anything once it is too weak
             searches = 0 if still.all() else searches - 1
         best = posterior.at(strengths).minimise()
-        path = path + best.states.reshape(path.shape)
-        parameters = parameters + best.parameters
-        converged = searches == 0 and float(np.abs(best.parameters[:2]).max()) < 1e-6
+        share, close = (0.5, 1e-5) if priors.jib.moves and done > WHOLE_STEPS else (1.0, 1e-6)
+        path = path + share * best.states.reshape(path.shape)
+        parameters = parameters + share * best.parameters
+        converged = searches == 0 and float(np.abs(best.parameters[:2]).max()) < close
         if converged:
             break
     posterior, weight, error2, _ = _linearised(nodes, path, parameters, strengths, priors, free, False)
