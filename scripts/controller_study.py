@@ -29,7 +29,7 @@ WORLDS: dict[str, dict[str, Any]] = {
     for mount in ("levelled", "fixed", "rigid")
     for name, wind in (("calm", {}), ("14 m/s", WIND))
 }
-OFFSET_SD_M, ROPE_STEP_M = 0.05, 0.01
+OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 0.3
 
 
 @click.command()
@@ -92,7 +92,7 @@ def _readings(
     values = np.round(true / steps) * steps
     values[rng.random(len(at)) < dropout] = np.nan
     slew_sd, radius_sd = (steps / np.sqrt(12)).tolist()
-    return Controller(at + lag_s, values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0)
+    return Controller(at + lag_s, values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0, CLOCK_SD_S)
 
 
 if __name__ == "__main__":

@@ -41,6 +41,7 @@ from simgrab.model.records.estimates import Estimates, Intervals
 CUT_S = 20.0  # longer gaps are not bridged
 # Prior of how a camera follows apparent gravity: the share, and logarithms of frequency (rad/s) and damping ratio.
 FOLLOWING, FOLLOWING_SD = (0.5, np.log(np.pi), np.log(0.5)), (0.5, 0.7, 0.7)
+LEAST_CLOCK_SD_S = 1e-3
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
 MOST_WIND = 0.05  # rad, of the steady lean by wind, beside what gusts tell
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
@@ -75,8 +76,6 @@ class PendulumSmoother(PathEstimator):
         the camera: β is its tilt where the jib rests at its mean radius.
     longer_m, longer_sd_m : float
         With a controller, prior of the length of the equivalent simple pendulum minus \|OA\|.
-    clock_sd_s : float
-        Prior standard deviation of the controller's clock minus that of the pictures.
 
     Notes
     -----
@@ -99,7 +98,6 @@ class PendulumSmoother(PathEstimator):
     controller: Controller | None = None
     longer_m: float = 0.4
     longer_sd_m: float = 0.5
-    clock_sd_s: float = 0.3
 
     def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
         assert frames.time is not None
@@ -118,7 +116,8 @@ class PendulumSmoother(PathEstimator):
                 )
             jib = JibMotion.of(self.controller)
             mean[LONGER], mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = self.longer_m, *FOLLOWING
-            sd[LONGER], sd[WIND], sd[CLOCK], sd[LUFFING] = self.longer_sd_m, MOST_WIND, self.clock_sd_s, PITCH_SD
+            sd[LONGER], sd[WIND], sd[LUFFING] = self.longer_sd_m, MOST_WIND, PITCH_SD
+            sd[CLOCK] = max(self.controller.clock_sd_s, LEAST_CLOCK_SD_S)
             sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
         priors = PendulumPriors(mean, sd, focal_px, jib)
         start = mean.copy()

@@ -66,9 +66,9 @@ def held(run: Run) -> list[tuple[str, str]]:
     ]
     if asked:
         rows.append(("rope lengths read", f"{read} of {asked} ({100 * read / asked:.3f} %)"))
-    if told := run.about.get("controller"):
-        low, high = told["clock_interval_s"]
-        clock = f"{told['clock_offset_s']:+.2f} s ({low:+.2f} to {high:+.2f}), from {told['clock_from']}"
+    if reported := run.about.get("controller"):
+        low, high = reported["clock_interval_s"]
+        clock = f"{reported['clock_offset_s']:+.2f} s ({low:+.2f} to {high:+.2f}), from {reported['clock_from']}"
         rows.append(("controller's clock", clock))
     estimate = run.about["estimate"]
     if estimate is not None:
