@@ -378,6 +378,11 @@ def test_a_mount_may_turn_the_camera_and_nothing_may_change_it(clean, swinging):
     assert of(fx_px=500.0) is None
 
 
+def test_a_run_with_the_controllers_data_has_no_budget_from_pixels_alone(clean, swinging):
+    informed = dataclasses.replace(clean, about=clean.about | {"controller": {"clock_offset_s": 0.0}})
+    assert evaluate(informed, swinging / "data")["budget"] is None
+
+
 def test_a_refused_stage_is_the_limit():
     names = [stage.name for stage in CHAIN]
 

@@ -84,7 +84,7 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
     if parts is None or len({_built(row) for row in parts.rows}) > 1:
         return None
     name = (run.about["estimate"] or run.about["tilt"] or {}).get("estimator", RopeAware.name)
-    if name not in ESTIMATORS:
+    if name not in ESTIMATORS or "controller" in run.about:
         return None
     estimator = ESTIMATORS[name]()
 
