@@ -90,8 +90,8 @@ def forecasts(folder: Path, batch: tuple[list[tuple[str, int]], bool]) -> list[d
     together = {key: np.stack([clip[key] for clip in clips]) for key in ("swing", "length", "reported")}
     forecaster = Forecaster(len(clips))
     for i, time in enumerate(clips[0]["time"]):
-        told = together["reported"][:, i] if controller else None
-        state = forecaster.step(time, together["swing"][:, i], NOISE, together["length"][:, i], told)
+        reported = together["reported"][:, i] if controller else None
+        state = forecaster.step(time, together["swing"][:, i], NOISE, together["length"][:, i], reported)
         if i >= FROM and i % EVERY == 0:
             found.append(vars(forecast(state, np.full(len(clips), TILT))))
     return [{key: np.array([f[key][k] for f in found]) for key in found[0]} for k in range(len(clips))]
@@ -165,7 +165,7 @@ def main(ordinary: int, dangerous: int, work: Path, workers: int) -> None:
     batches = [jobs[i : i + AT_ONCE] for i in range(0, len(jobs), AT_ONCE)]
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         list(pool.map(partial(simulate, work), jobs))
-        ways = [pool.map(partial(forecasts, work), [(batch, told) for batch in batches]) for told in (False, True)]
+        ways = [pool.map(partial(forecasts, work), [(batch, given) for batch in batches]) for given in (False, True)]
         both = [[one for batch in way for one in batch] for way in ways]
     clips = [read(work, *job) for job in jobs]
     ahead = {"forecast": both[0], "forecast, with the controller": both[1]}

@@ -41,7 +41,11 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
 @click.option("--out", type=NEW_FOLDER, help="New folder for the results.  [default: runs/SOURCE-run]")
 @detector_option
 @click.option("--instrument", help="A pipeline of your own, as package.module:factory, in place of simgrab's.")
-@click.option("--estimator", type=EstimatorName(), help="[default: rope-aware; without a rope length mean-ray]")
+@click.option(
+    "--estimator",
+    type=EstimatorName(),
+    help="[default: rope-aware; with --plc of slewing or luffing pendulum-smoother; without a rope length mean-ray]",
+)
 @click.option(
     "--calibrate",
     callback=_stretch,

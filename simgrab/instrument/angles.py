@@ -12,7 +12,7 @@ from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
-from simgrab.instrument.forecast import Forecast, Forecaster, State, forecast
+from simgrab.instrument.forecast import Forecast, Forecaster, forecast, joined
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.rope import Rope
 from simgrab.model.calibration import Calibration
@@ -131,8 +131,7 @@ def forecasts(
     states = [forecaster.step(*row) for row in rows]
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])
     parts = [slice(i, i + AT_ONCE) for i in range(0, len(states), AT_ONCE)]
-    found = [forecast(State.joined(states[part]), np.nan_to_num(tilt_sd[part])) for part in parts]
-    return Forecast(*(np.concatenate(values) for values in zip(*(vars(f).values() for f in found), strict=True)))
+    return joined([forecast(joined(states[part]), np.nan_to_num(tilt_sd[part])) for part in parts])
 
 
 def measurements(

@@ -62,6 +62,11 @@ class Controller:
         """Whether it reports slewing or luffing."""
         return self.slew is not None or self.radius is not None
 
+    @property
+    def stated_clock(self) -> ClockOffset:
+        """The offset of its clock as its description states it."""
+        return ClockOffset(0.0, self.clock_sd_s, "its description")
+
     def rope_at(self, time: Array) -> Array:
         """Interpolate the rope's length at times (m,); NaN outside of the readings and in their gaps."""
         assert self.rope is not None
@@ -131,7 +136,7 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
     RecordError
         If the times have no overlap, or the lengths do not follow each other.
     """
-    stated = ClockOffset(0.0, controller.clock_sd_s, "its description")
+    stated = controller.stated_clock
     if not len(time):
         return stated
     reach = min(4 * controller.clock_sd_s, MOST_SEARCH_S)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from simgrab.model.rng import stream
 
 HORIZON_S = 6.0  # of a warning: half a period of 35 m of rope
 PATHS = 64
-CUT_S = 5.0  # a longer silence begins the filter anew
+CUT_S = 5.0  # a longer silence begins the filter again
 STATE, TURN = 7, 6  # state of the pendulum, and the jib's turning rate
 LENGTH = 15.0  # m, that scales p
 FIXED = np.zeros(pendulum.PARAMETERS)
@@ -58,11 +59,6 @@ class State:
         shapes = (records, STATE), (records, STATE, STATE), (records,), (records,), (records, STATE - TURN + 2)
         mean, covariance, rope, hoist, reported = map(np.zeros, shapes)
         return cls(mean, covariance, rope * np.nan, hoist, reported)
-
-    @classmethod
-    def joined(cls, states: Sequence[State]) -> State:
-        """Put states together, one after another."""
-        return cls(*(np.concatenate(parts) for parts in zip(*(vars(s).values() for s in states), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +152,15 @@ class Forecaster:
         mean = self.state.mean.copy()
         mean[:, :6] += np.nan_to_num(by)[:, [0, 1, 0, 1, 0, 1]] * np.repeat([1.0, 0.0, 1.0], 2)
         self.state = replace(self.state, mean=mean)
+
+
+Parts = TypeVar("Parts", State, Forecast)
+
+
+def joined(parts: Sequence[Parts]) -> Parts:
+    """Put states or forecasts of several records together, one after another."""
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return type(parts[0])(*map(np.concatenate, columns))
 
 
 def forecast(state: State, tilt_sd: Array) -> Forecast:

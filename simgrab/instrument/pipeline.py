@@ -76,11 +76,12 @@ class Pipeline:
     detector : Detector
     reader : Reader or None
     estimator : Estimator or None
-        By default `RopeAware` if the camera file states a display, because the camera hangs beside the rope exit. With
+        By default `RopeAware` if a display or the controller states the rope's length, because the camera hangs beside
+        the rope exit. With
         that offset of 0.6 m, known to 5 cm, `RopeAware` errs by 0.17° in five minutes of calm working cycles;
         estimators without the rope's length err by 0.6° and more (docs/results/estimators.md). `PendulumSmoother` errs
-        by 0.16°, takes a second or two, and cannot work frame by frame. Without a display the default is `MeanRay`,
-        which needs no rope length.
+        by 0.16°, takes a second or two, and cannot work frame by frame; it is the default for a whole record whose
+        controller reports slewing or luffing. Without a rope length the default is `MeanRay`.
     calibrate_s : float or None
         Seconds at the beginning from which the tilt is estimated; None for the whole record, as in the paper.
     tilt : Known or None
@@ -200,7 +201,8 @@ class Pipeline:
             clock = clock_offset(controller, time, ropes.length)
             controller = controller.shifted(clock)
             ropes = _with_lengths(ropes, controller, time)
-        estimator = _informed(self.chosen(calibration), controller)
+        chosen = self.chosen(calibration)
+        estimator = _informed(chosen, controller)
         record = angles.arrays(observations, ropes)
         if self.tilt is not None:
             alpha, ends = angles.by_tilt(record, self.tilt, calibration)
@@ -220,14 +222,14 @@ class Pipeline:
             alpha, ends = angles.by_estimate(record, estimator, estimate)
         else:
             alpha, ends = angles.by_tilt(record, tilt, calibration)
-        if estimator.needs_imu or getattr(estimator, "controller", None):  # its camera moves
+        if estimator.needs_imu or estimator is not chosen:  # its camera moves
             return MeasuredRecord(record, angles.measurements(record, alpha, ends), estimate, tilt, clock)
         found = _with_forecasts(record, alpha, ends, tilt, calibration)
         return MeasuredRecord(record, found, estimate, tilt, clock)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
-        estimator = _informed(self.chosen(calibration, live=True), self.controller)
+        estimator = self.chosen(calibration, live=True)
         tracker = _tracker(estimator, calibration)
         if estimator.needs_time and tracker is None:
             raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
@@ -314,8 +316,9 @@ def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker 
 
 
 def _informed(estimator: Estimator, controller: Controller | None) -> Estimator:
-    """Give the controller's readings to an estimator that uses them."""
-    takes = controller is not None and any(one.name == "controller" for one in fields(estimator))
+    """Give what the controller reports of the jib's motion to an estimator that uses it."""
+    reports = controller is not None and controller.reports_motion
+    takes = reports and any(one.name == "controller" for one in fields(estimator))
     return replace(estimator, controller=controller) if takes else estimator  # type: ignore[call-arg]
 
 

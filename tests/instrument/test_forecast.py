@@ -12,7 +12,7 @@ from simgrab.instrument import forecast as fc
 from simgrab.instrument.alarm import DANGER
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.pendulum import DAMPING, GRAVITY, MEMORY_S
-from simgrab.instrument.forecast import Forecaster, State, forecast
+from simgrab.instrument.forecast import Forecaster, State, forecast, joined
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
@@ -112,7 +112,7 @@ def test_no_later_frame_matters_and_gaps_are_bridged():
         return [forecaster.step(i / RATE, one[None], 1e-3, rope[i : i + 1]) for i, one in enumerate(swing)]
 
     first, other = states(s), states(np.concatenate([s[:100], -s[100:]]))
-    together = forecast(State.joined(first), np.full(len(s), 2e-3))
+    together = forecast(joined(first), np.full(len(s), 2e-3))
     for i in (5, 35, 99):
         alone = forecast(other[i], np.full(1, 2e-3))
         for name, value in vars(alone).items():

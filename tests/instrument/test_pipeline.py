@@ -162,8 +162,8 @@ def test_a_record_without_a_grab_is_refused_frame_by_frame(crane):
     assert found.measurements[-1].status == "refused"
     assert "fewer than" in found.measurements[-1].reason
     data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003)
-    for told in (None, data):
-        assert made(controller=told).conclude([], crane.calibration).measurements == ()
+    for reported in (None, data):
+        assert made(controller=reported).conclude([], crane.calibration).measurements == ()
 
 
 class Scripted:

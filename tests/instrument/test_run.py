@@ -522,8 +522,8 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     )
     assert said.exit_code == 0, said.output
     assert json.loads(said.output)["counts"]["ok"] > 40
-    told = "".join(f"{row.time_s},{row.rope_length_m}\n" for row in truth_of(clip))
-    (tmp_path / "crane.csv").write_text(f"t,l\n{told}4.0,15.0\n")
+    readings = "".join(f"{row.time_s},{row.rope_length_m}\n" for row in truth_of(clip))
+    (tmp_path / "crane.csv").write_text(f"t,l\n{readings}4.0,15.0\n")
     (tmp_path / "crane.toml").write_text(
         'time = {column = "t"}\nrope = {column = "l", resolution = 0.01, rate_hz = 9.0}\n'
     )
@@ -534,7 +534,7 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     assert known["controller"]["clock_offset_s"] == pytest.approx(0, abs=1)
     assert "1 of 45 readings refused, the first in row 45: it does not increase" in "".join(known["notes"])
     assert "controller's clock" in said.output
-    for arguments, told in (
+    for arguments, expected in (
         (["--plc", str(tmp_path / "none.csv")], "none.toml: No such file"),
         (["--calibrate", "soon"], "invalid duration"),
         (["--estimator", "mode"], "mode"),
@@ -544,6 +544,6 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     ):
         said = CliRunner().invoke(cli, ["run", str(clip), "--out", str(tmp_path / "c"), *arguments])
         assert said.exit_code
-        assert told in said.output + str(said.exception)
+        assert expected in said.output + str(said.exception)
         assert said.exception is None or isinstance(said.exception, SystemExit | SimgrabError)
         assert not (tmp_path / "c").exists()

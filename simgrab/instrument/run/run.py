@@ -282,7 +282,7 @@ def _controller(instrument: Instrument, clock: ClockOffset | None) -> dict[str, 
     if not isinstance(instrument, Pipeline) or instrument.controller is None:
         return {}
     controller = instrument.controller
-    clock = clock or ClockOffset(0.0, controller.clock_sd_s, "its description")
+    clock = clock or controller.stated_clock
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
         "display_minus_controller_m": clock.difference_m,
