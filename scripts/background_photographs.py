@@ -29,7 +29,7 @@ from simgrab.io import pictures
 from simgrab.io.files import drafted_folder
 from simgrab.model.rng import stream
 
-CROPS, SIZE, QUALITY = 12, (640, 360), 88  # of each photograph; width and height, px; of the JPEG
+CROPS, SIZE, QUALITY = 3, (640, 360), 88  # of each photograph; width and height, px; of the JPEG
 COLLAGES = 900
 PATCHES = 6  # in a collage, at most
 REACH = (0.06, 0.4)  # of a patch from its middle, over the picture's height
@@ -116,14 +116,14 @@ NPM = (
 NPM_VERSION = "0.2.3"
 
 
-def prepare(out: Path) -> Path:
-    """Write crops and the scene into a folder, unless they are there; returns the scene's path."""
+def prepare(out: Path, crops: Sequence[int] = range(CROPS)) -> Path:
+    """Write crops of these numbers and the scene into a folder, unless they are there; returns the scene's path."""
     return _prepared(
         out,
         (
             (f"{name}-{i:02d}", random_crop(picture, stream(0, i, f"photographs.{name}")))
             for name, picture in photographs()
-            for i in range(CROPS)
+            for i in crops
         ),
     )
 

@@ -1,7 +1,7 @@
 """Render clips, measure them by the bundled instrument or another detector, and print what limits the angle in each.
 
     python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm] [--work runs/budget]
-        [--grab SCENE] [--detector any-grab]
+        [--grab SCENE] [--detector FOLDER]
 
 Working cycles with the camera 0.6 m beside the rope exit, through picture, detector and reader; the camera file states
 an offset that errs by 5 cm per coordinate. What was rendered is kept; an interrupted call goes on where it was.
@@ -92,9 +92,7 @@ def show(name: str, found: Mapping[str, Any]) -> None:
 @click.option("--only", "names", multiple=True, type=click.Choice(list(CLIPS)), help="As often as wanted.")
 @click.option("--seed", default=11, show_default=True)
 @click.option("--grab", help="Scene whose grab hangs there, in place of the usual one.")
-@click.option(
-    "--detector", default="bundled", show_default=True, help="Or any-grab, a trained folder, or a YOLO's .onnx."
-)
+@click.option("--detector", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx.")
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/budget"), show_default=True)
 @click.option("--workers", default=2, show_default=True)
 def main(

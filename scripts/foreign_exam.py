@@ -41,7 +41,7 @@ from simgrab.model import label_arrays as labels
 from simgrab.model import scenes
 from simgrab.model.scenario import Labels
 
-DETECTORS = ("bundled", "any-grab")
+DETECTORS = ("bundled",)
 TILE_PX = (480, 270)
 
 

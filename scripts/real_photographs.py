@@ -28,7 +28,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.detect import FOUR_ROPE, GrabDetector, detector
+from simgrab.instrument.detect import BUNDLED, GrabDetector, detector
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array
 from simgrab.model.rng import stream
@@ -351,7 +351,7 @@ def summary(found: Sequence[Crop]) -> dict[str, Any]:
 
 @click.command(help=(__doc__ or "").partition("\n")[0])
 @click.option("--crops", "count", default=70, show_default=True, help="Crops of each photograph.")
-@click.option("--detector", "name", default=FOUR_ROPE, show_default=True)
+@click.option("--detector", "name", default=BUNDLED, show_default=True)
 @click.option("--cache", type=click.Path(path_type=Path), default=Path("build/photographs"), show_default=True)
 @click.option("--keep", type=click.Path(path_type=Path), help="Folder for the frames with a box.")
 @click.option("--json", "out", type=click.Path(path_type=Path), help="File for the figures.")

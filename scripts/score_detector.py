@@ -158,9 +158,7 @@ def _interval(interval: tuple[float, float] | None) -> str:
 
 @click.command()
 @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--detector", default="bundled", show_default=True, help="Or any-grab, a trained folder, or a YOLO's .onnx."
-)
+@click.option("--detector", default="bundled", show_default=True, help="Or a trained folder, or a YOLO's .onnx.")
 @click.option("--split", type=click.Choice(["train", "val", "test"]), help="Only frames of one split.")
 @click.option("--grab-class", "grab_classes", multiple=True, help="Class of YOLO's or COCO's boxes that is the grab.")
 @click.option("--json", "out", type=click.Path(path_type=Path), help="Where all figures go.")

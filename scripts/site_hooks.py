@@ -23,7 +23,7 @@ ROOT_PAGES = {
     "SECURITY.md": "security.md",
     "CHANGELOG.md": "changelog.md",
 }
-ROOT_FILES = {"LICENSE": "LICENSE.txt", "CITATION.cff": "CITATION.cff"}
+ROOT_FILES = {"LICENSE": "LICENSE.txt", "NOTICE": "NOTICE.txt", "CITATION.cff": "CITATION.cff"}
 # By heading: names of simgrab, and what their functions take and return.
 PYTHON = {
     "Scenes": ["load", "model.scenes", "model.scenario.Scenario"],

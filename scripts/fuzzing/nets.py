@@ -20,7 +20,7 @@ METADATA: tuple[dict[str, str], ...] = (
     {"imgsz": "[-32, 64]"},
     {"imgsz": _DEEP}, {"task": "segment"}, {"task": "detect"}, {"simgrab": "{}"}, {"simgrab": _DEEP},
     {"simgrab": "nan"},
-    {"simgrab": '{"task": "find-grab"}'}, {"simgrab": '{"task": []}'}, {"simgrab": '{"task": "settle-grab"}'},
+    {"simgrab": '{"task": "coarse-grab"}'}, {"simgrab": '{"task": []}'}, {"simgrab": '{"task": "grab-pose"}'},
     {"simgrab": "9" * 6000},
     {"simgrab": '{"task": "a\\nb"}'}, {"x" * 500: "y" * 5000},
 )  # fmt: skip

@@ -102,7 +102,7 @@ detector_option = click.option(
     "detector_name",
     default="bundled",
     show_default=True,
-    help="Or any-grab, a folder of `train detector`, or a YOLO's .onnx.",
+    help="Or a folder of `train detector`, or a YOLO's .onnx.",
 )
 imu_option = click.option(
     "--imu", type=PATH, help="Folder of the inertial sensor in the camera's housing, e.g. sensors/clip_000/imu0."

@@ -78,7 +78,7 @@ def command(
     import json
 
     from simgrab.cli._progress import bar
-    from simgrab.instrument.detect import FOUR_ROPE
+    from simgrab.instrument.detect import BUNDLED
     from simgrab.instrument.pipeline import assemble
     from simgrab.instrument.run.run import RunOptions, run
     from simgrab.instrument.run.runs import alarms
@@ -90,7 +90,7 @@ def command(
     out = out or Path("runs") / f"{plain_name(source)}-run"
     chosen: Instrument
     if instrument is not None:
-        if detector_name != FOUR_ROPE or any((estimator, calibrate, calibration, imu, plc, live)):
+        if detector_name != BUNDLED or any((estimator, calibrate, calibration, imu, plc, live)):
             raise click.UsageError(
                 "--instrument cannot be combined with --detector, --estimator, --calibrate, --calibration, --imu, "
                 "--plc or --live."

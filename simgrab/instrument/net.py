@@ -1,8 +1,7 @@
 """Opens ONNX files and runs them.
 
-onnxruntime and not cv2.dnn: on one core find took 7.5 ms and refine 3.4 ms against 17 and 9 (OpenCV 5.0.0), and what
-cv2.dnn returned was off by up to 0.3 in refine. It also reports a file's shapes and metadata, which are checked before
-use.
+onnxruntime and not cv2.dnn: on one core two nets took 7.5 and 3.4 ms against 17 and 9 (OpenCV 5.0.0), and what cv2.dnn
+returned was off by up to 0.3. It also reports a file's shapes and metadata, which are checked before use.
 
 A file is read completely and passed as bytes; it cannot name further files. Limits apply to the file's bytes, the
 numbers in an output, memory and time. They do not apply to the memory of constants that onnxruntime computes when

@@ -17,7 +17,7 @@ from simgrab.instrument import angles
 from simgrab.instrument.angles import RecordArrays
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
-from simgrab.instrument.detect import FOUR_ROPE, Detector
+from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, IntervalSettings
 from simgrab.instrument.estimate.follow import Known, directions, known, load
@@ -361,7 +361,7 @@ def bundled() -> Pipeline:
 
 def assemble(
     *,
-    detector: str | Path = FOUR_ROPE,
+    detector: str | Path = BUNDLED,
     estimator: str | None = None,
     calibrate_s: float | None = None,
     tilt: str | Path | None = None,

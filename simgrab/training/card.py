@@ -14,8 +14,6 @@ from typing import Any
 
 from simgrab._version import __version__
 from simgrab.dataset.datasets import DatasetIdentity
-from simgrab.errors import TrainingError
-from simgrab.io.parse import read_json
 from simgrab.text import markdown as markdown_text
 from simgrab.text import printable
 from simgrab.training.folder import write
@@ -36,7 +34,7 @@ class Card:
     Attributes
     ----------
     name : str
-        Stem of the file, e.g. ``"refine"``.
+        Stem of the file, e.g. ``"pose"``.
     task : str
         What goes in and what comes out, in a sentence or two.
     data : tuple of DatasetIdentity
@@ -50,10 +48,8 @@ class Card:
         Wall time of the training.
     metrics : mapping
         On validation data: overall, and ``by_weather``.
-    judged_by : tuple of DatasetIdentity
-        Of whose validation frames the metrics are, besides those of `data`.
     started_from : str
-        SHA-256 of the model whose weights it began with; empty after random ones.
+        SHA-256 of the model whose weights it began with, or which pretrained ones; empty after random ones.
     real : mapping
         Of the real frames that were learned from too: ``frames``, ``videos``, how many ``times`` each counts, and the
         ``labels_sha256``; empty where there were none.
@@ -67,38 +63,26 @@ class Card:
     epochs: int
     seconds: float
     metrics: Mapping[str, Any]
-    judged_by: tuple[DatasetIdentity, ...] = ()
     started_from: str = ""
     real: Mapping[str, Any] = field(default_factory=dict)
 
     def to_dict(self, model: bytes) -> dict[str, Any]:
         """Plain data, with the digest of the model's bytes, the versions and the machine."""
         return asdict(self) | {
-            **_digest(model),
+            "model_sha256": hashlib.sha256(model).hexdigest(),
+            "model_bytes": len(model),
             "machine": machine(str(self.recipe.get("device", "cpu"))),
             "versions": versions(),
             "licence": LICENCE,
         }
 
     def save(self, model: Path) -> Path:
-        """Write the card beside a model: ``find.onnx`` gets ``find.json`` and ``find.md``. Returns the JSON's path."""
+        """Write the card beside a model: ``pose.onnx`` gets ``pose.json`` and ``pose.md``. Returns the JSON's path."""
         path = model.with_suffix(".json")
-        _write(path, self.to_dict(model.read_bytes()))
+        content = self.to_dict(model.read_bytes())
+        write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
+        write(path.with_suffix(".md"), markdown(content).encode())
         return path
-
-
-def redigest(card: Path, model: bytes) -> None:
-    """State another model's digest and size in a card, and in the text beside it."""
-    _write(card, read_json(card, TrainingError) | _digest(model))
-
-
-def _digest(model: bytes) -> dict[str, Any]:
-    return {"model_sha256": hashlib.sha256(model).hexdigest(), "model_bytes": len(model)}
-
-
-def _write(card: Path, content: dict[str, Any]) -> None:
-    write(card, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
-    write(card.with_suffix(".md"), markdown(content).encode())
 
 
 def versions() -> dict[str, str]:
@@ -127,11 +111,9 @@ def machine(device: str = "cpu") -> dict[str, Any]:
 def markdown(content: Mapping[str, Any]) -> str:
     """Set a card's content in Markdown."""
     start = content.get("started_from")
-    began = f" It began with the weights of the model `{start[:16]}…`." if start else ""
+    began = f" It began with the weights of `{_code(start)}`." if start else ""
     real = content.get("real")
     also = f" and {real['frames']} real frames of {real['videos']} videos, {real['times']} times each" if real else ""
-    judged = _sets(content.get("judged_by", ()))
-    judged = f"these and of {judged}" if judged else "these"
     alone = "alone" in content["metrics"]
     together = " “alone” is of this net, the rest of all the nets together." if alone else ""
     lines = [
@@ -142,7 +124,7 @@ def markdown(content: Mapping[str, Any]) -> str:
         f"Trained on {content['examples']} examples, the split `train` of {_sets(content['data'])}{also},"
         f" for {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
         f" on {content['machine']['cores']} cores{_beside(content['machine'])}."
-        f" Judged by the split `val` of {judged}.{together}{began}",
+        f" Judged by the split `val` of these.{together}{began}",
         "",
         "| validation | |",
         "|---|---|",

@@ -1,7 +1,7 @@
 """A net and copies that share its weights, each of which learns from a part of a batch on a thread of its own.
 
-So small a net gains little by more threads within each operation: on two cores an example took refine 9.9 ms on one
-thread, 6.7 ms on two, and 4.7 ms on a copy for each (find 13.5, 7.4 and 6.9 ms).
+So small a net gains little by more threads within each operation: on two cores an example took a small net 9.9 ms on
+one thread, 6.7 ms on two, and 4.7 ms on a copy for each (another one 13.5, 7.4 and 6.9 ms).
 """
 
 from __future__ import annotations

@@ -223,7 +223,7 @@ class _Run:
     def _step(self, number: int, batch: Batch) -> float:
         recipe = self.recipe
         for group in self.optimiser.param_groups:
-            group["lr"] = recipe.rate_at(number / (self.steps * recipe.epochs))
+            group["lr"] = group["share"] * recipe.rate_at(number / (self.steps * recipe.epochs))
         value = self.copies.gradients(self._loss, batch)
         if not np.isfinite(value):
             raise TrainingError(f"the loss of step {number} is {value}: lower the learning rate ({recipe.rate})")
@@ -320,7 +320,12 @@ def _optimiser(net: nn.Module, recipe: TrainingRecipe) -> torch.optim.Optimizer:
 
 
 def _groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:
-    """Spare biases and norms the weight decay."""
-    weights = [p for p in net.parameters() if p.ndim >= 2]
-    rest = [p for p in net.parameters() if p.ndim < 2]
-    return [{"params": weights, "weight_decay": decay}, {"params": rest, "weight_decay": 0.0}]
+    """Spare biases and norms the weight decay, and let a part that states a share of the rate learn at that."""
+    shares = {
+        weight: module.share for module in net.modules() if hasattr(module, "share") for weight in module.parameters()
+    }
+    groups: dict[tuple[float, float], list[nn.Parameter]] = {}
+    for weight in net.parameters():
+        if weight.requires_grad:
+            groups.setdefault((decay if weight.ndim >= 2 else 0.0, shares.get(weight, 1.0)), []).append(weight)
+    return [{"params": weights, "weight_decay": own, "share": share} for (own, share), weights in groups.items()]

@@ -121,7 +121,7 @@ def test_an_error_is_one_line_whatever_a_file_is_called(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("problem", "status", "line"),
     [
-        (OSError(errno.ENOSPC, "No space left", "out/find.onnx"), 2, "out/find.onnx: No space left"),
+        (OSError(errno.ENOSPC, "No space left", "out/coarse.onnx"), 2, "out/coarse.onnx: No space left"),
         (OSError(errno.ENOSPC, "No space left"), 2, "No space left"),
         (OSError("no such thing"), 2, "no such thing"),
         (MemoryError(), 2, "out of memory (allocation failed)"),

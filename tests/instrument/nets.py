@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from simgrab.instrument.detect.bundled import FIND, REFINE, SETTLE
+from simgrab.instrument.detect.grab import COARSE, POSE
+from simgrab.instrument.detect.patches import POSE_SIZE
 from simgrab.instrument.net import KEY
 
 onnx = pytest.importorskip("onnx")
@@ -51,24 +52,16 @@ def rows(count, columns):
     return result
 
 
-def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0, glow=(0.0, 0.0), outward=0.0):
-    """Nets that see a grab in the brightest part of find's picture, and refine it to the middle of the crop.
+def hand_made(folder, *, heat=4.0, presence=3.0, task=POSE, yaw=0.0, glow=0.0, calibration=None):
+    """Nets that see a grab in the brightest part of the picture, in the middle of the pose net's crop.
 
-    ``yaw`` is what refine says, rad, ``aside`` by which share of the level crop settle moves the centre along x,
-    ``glow`` by how much more refine and settle believe in a crop that is all light, and ``outward`` what validation
-    showed.
+    ``yaw`` is what the pose net outputs, rad, and ``glow`` how much is added to its logit in a crop that is all light.
     """
     folder.mkdir(exist_ok=True)
-    told = np.zeros((1, 16), np.float32)
-    told[0, :6], told[0, 6:12], told[0, 12:15], told[0, 15] = (
-        [0.2, 0.2, 0.8, 0.8, 0.5, 0.5],
-        -4,
-        [np.cos(2 * yaw), np.sin(2 * yaw), -3],
-        presence,
-    )
-    settle_more = np.zeros((1, 16), np.float32)
-    settle_more[0, 4], settle_more[0, 12:14] = aside, np.array([1, 0]) - told[0, 12:14]
-    find = [
+    rows, light = np.zeros((1, 16), np.float32), np.zeros((6, 16), np.float32)
+    rows[0] = [0.2, 0.2, 0.8, 0.8, 0.5, 0.5, *[-4] * 6, np.cos(2 * yaw), np.sin(2 * yaw), -3, presence]
+    light[:3, 15] = glow / 3 / 255
+    coarse = [
         helper.make_node("Cast", ["pictures"], ["f"], to=TensorProto.FLOAT),
         helper.make_node("Transpose", ["f"], ["t"], perm=[0, 3, 1, 2]),
         helper.make_node("AveragePool", ["t"], ["p"], kernel_shape=[8, 8], strides=[8, 8]),
@@ -78,28 +71,22 @@ def hand_made(folder, *, heat=4.0, presence=3.0, task=REFINE, yaw=0.0, aside=0.0
         helper.make_node("Expand", ["twenty", "wide"], ["reach"]),
     ]
     save(
-        folder / "find.onnx", find, [("pictures", TensorProto.UINT8, [1, 288, 512, 3])],
-        [("heat", [1, 36, 64]), ("reach", [1, 4, 36, 64])],
+        folder / "coarse.onnx", coarse, [("pictures", TensorProto.UINT8, [1, 224, 384, 3])],
+        [("heat", [1, 28, 48]), ("reach", [1, 4, 28, 48])],
         [("one", np.array([1], np.int64)), ("gain", np.float32((heat + 8) / 255)), ("shift", np.float32(8)),
-         ("twenty", np.float32(20).reshape(1, 1, 1, 1)), ("wide", np.array([1, 4, 36, 64], np.int64))],
-        {"task": FIND},
+         ("twenty", np.float32(20).reshape(1, 1, 1, 1)), ("wide", np.array([1, 4, 28, 48], np.int64))],
+        {"task": COARSE},
     )  # fmt: skip
-    refine = [
+    pose = [
         helper.make_node("Cast", ["pictures"], ["f"], to=TensorProto.FLOAT),
         helper.make_node("ReduceMean", ["f", "axes"], ["m"], keepdims=0),
-        helper.make_node("Unsqueeze", ["m", "last"], ["u"]),
-        helper.make_node("Mul", ["u", "light"], ["z"]),
-        helper.make_node("Add", ["z", "rows"], ["told"]),
+        helper.make_node("MatMul", ["m", "light"], ["z"]),
+        helper.make_node("Add", ["z", "rows"], ["pose"]),
     ]
-    facts = {"task": SETTLE, "settings": {"least_heat": 0.2}, "trust": {"centre": 2.0, "outward": outward}}
-    light = np.zeros((1, 16), np.float32)
-    both = (("refine", told, {"task": task}), ("settle", told + settle_more, facts))
-    for (name, rows, said), light[0, 15] in zip(both, np.array(glow) / 255, strict=True):
-        save(
-            folder / f"{name}.onnx", refine, [("pictures", TensorProto.UINT8, ["n", 160, 160, 4])],
-            [("told", ["n", 16])],
-            [("axes", np.array([1, 2, 3], np.int64)), ("last", np.array([1], np.int64)), ("light", light),
-             ("rows", rows)],
-            said,
-        )  # fmt: skip
+    save(
+        folder / "pose.onnx", pose,
+        [("pictures", TensorProto.UINT8, ["n", POSE_SIZE, POSE_SIZE, 6])], [("pose", ["n", 16])],
+        [("axes", np.array([1, 2], np.int64)), ("light", light), ("rows", rows)],
+        {"task": task, "settings": {"least_heat": 0.2}, "calibration": calibration or {}},
+    )  # fmt: skip
     return folder

@@ -1,25 +1,15 @@
 import json
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save
 
 from simgrab.errors import DetectorError
-from simgrab.instrument.detect import SHIPPED, GrabDetector, Yolo, detector
+from simgrab.instrument import detect
+from simgrab.instrument.detect import WEIGHTS, GrabDetector, Yolo, detector
 from simgrab.instrument.detect.boxes import covered, iou
-from simgrab.instrument.detect.bundled import SETTLE, Settings, peaks, read
-from simgrab.instrument.detect.patches import (
-    GREY,
-    LEVEL_ROOM,
-    Level,
-    Patch,
-    around,
-    cut,
-    cut_level,
-    cut_with_mask,
-    whole,
-)
+from simgrab.instrument.detect.grab import POSE, Settings, peaks, read
+from simgrab.instrument.detect.patches import GREY, Patch, around, cut, cut_crop, whole
 from simgrab.instrument.net import KEY, open_net
 
 onnx = pytest.importorskip("onnx")
@@ -40,7 +30,7 @@ def test_the_whole_picture_lies_in_its_patch(size):
     patch = whole(*size)
     assert patch.x0 <= 0 <= size[0] <= patch.x1
     assert patch.y0 <= 0 <= size[1] <= patch.y1
-    assert (patch.x1 - patch.x0) / (patch.y1 - patch.y0) == pytest.approx(16 / 9, abs=2e-3)
+    assert (patch.x1 - patch.x0) / (patch.y1 - patch.y0) == pytest.approx(12 / 7, abs=2e-3)
     assert not whole(*size, centred=False).corner.any()
 
 
@@ -48,7 +38,7 @@ def test_the_whole_picture_lies_in_its_patch(size):
 def test_what_is_cut_lies_where_the_patch_says(patch):
     picture = np.zeros((240, 320, 3), np.uint8)
     picture[60:100, 60:90] = 255
-    crop = cut_with_mask(picture, patch, 80)
+    crop = cut_crop(picture, patch, 80)
     light = crop[..., 0].astype(float) * (crop[..., 3] == 255)
     if patch.x0 < 90:
         middles = (np.arange(80) + 0.5) / 80
@@ -60,6 +50,9 @@ def test_what_is_cut_lies_where_the_patch_says(patch):
     assert np.all(crop[outside][:, :3] == GREY)
     edges = patch.to_shares([[0, 0], [320, 240]]).clip(0, 1)
     assert crop[..., 3].mean() / 255 == pytest.approx(np.prod(edges[1] - edges[0]), abs=0.005)
+    rows, columns = np.indices((80, 80)) + 0.5
+    at = (patch.to_picture(np.stack([columns, rows], axis=-1) / 80) - (160, 120)) / 320  # widths from the middle
+    np.testing.assert_allclose((crop[..., 4:].astype(float) - 128) / 127, at.clip(-128 / 127, 1), atol=0.51 / 127)
 
 
 def test_a_patch_beyond_the_picture_is_grey():
@@ -89,146 +82,75 @@ def test_iou():
 
 
 def test_peaks_lie_apart_and_come_hottest_first():
-    logits = np.full((36, 64), -5.0, np.float32)
-    logits[10, 20], logits[10, 21], logits[30, 5] = 2.0, 1.0, 3.0
-    reach = np.broadcast_to(np.array([10, 20, 30, 40], np.float32)[:, None, None], (4, 36, 64))
+    logits = np.full((28, 48), -5.0, np.float32)
+    logits[10, 20], logits[10, 21], logits[25, 5] = 2.0, 1.0, 3.0
+    reach = np.broadcast_to(np.array([10, 20, 30, 40], np.float32)[:, None, None], (4, 28, 48))
     found = peaks(logits, reach, most=2)
     np.testing.assert_allclose([heat for _, heat in found], [1 / (1 + np.exp(-3)), 1 / (1 + np.exp(-2))])
     np.testing.assert_allclose(found[1][0], [20.5 * 8 - 10, 10.5 * 8 - 20, 20.5 * 8 + 30, 10.5 * 8 + 40])
 
 
-def test_reading_refine_is_exact():
+def test_reading_the_pose_is_exact():
     out = np.zeros((1, 16), np.float32)
     out[0, :6] = [0.25, 0.25, 0.75, 0.5, 0.5, 0.4]
     out[0, 6:12] = np.log(0.01)
     out[0, 12:14] = np.cos(2.4), np.sin(2.4)
-    told = read(out, [Patch(100, 200, 300, 400)], 1920, 1080)
-    np.testing.assert_allclose(told.boxes, [[150, 250, 250, 300]], atol=1e-4)
-    np.testing.assert_allclose(told.centres, [[200, 280]], atol=1e-4)
-    np.testing.assert_allclose(told.box_sd, np.sqrt(2) * 2, rtol=1e-5)
-    np.testing.assert_allclose(told.yaw, 1.2, atol=1e-6)
-    assert told.presence[0] == 0.5
+    poses = read(out, [Patch(100, 200, 300, 400)], 1920, 1080)
+    np.testing.assert_allclose(poses.boxes, [[150, 250, 250, 300]], atol=1e-4)
+    np.testing.assert_allclose(poses.centres, [[200, 280]], atol=1e-4)
+    np.testing.assert_allclose(poses.box_sd, np.sqrt(2) * 2, rtol=1e-5)
+    np.testing.assert_allclose(poses.yaw, 1.2, atol=1e-6)
+    assert poses.presence[0] == 0
     assert read(out, [Patch(-200, 200, 0, 400)], 1920, 1080).boxes[0, 0] == 0  # clipped to the picture
 
 
-def bright(size=(1080, 1920), at=(705, 405), half=24):  # fills the cell of find's map in whose middle it lies
+def bright(size=(1080, 1920), at=(700, 400), half=24):  # fills the cell of the coarse map in whose middle it lies
     picture = np.zeros((*size, 3), np.uint8)
     picture[at[1] - half : at[1] + half, at[0] - half : at[0] + half] = 255
     return picture
 
 
-def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(SHIPPED, "any-grab", tmp_path)
-    with pytest.raises(DetectorError, match=r"^no weights are bundled for 'any-grab'"):
-        detector("any-grab")
-
-
-def test_refine_runs_again_around_its_own_box(tmp_path, monkeypatch):
-    looks = GrabDetector(hand_made(tmp_path), Settings(least_heat=0.2, passes=3))
-    around, refine = [], looks.refine
-
-    def watched(picture, boxes, *, last=False):
-        refined = refine(picture, boxes, last=last)
-        around.append((boxes[0], refined.boxes[0]))
-        assert last == (len(around) == 3)
-        return refined
-
-    monkeypatch.setattr(looks, "refine", watched)
-    assert looks(bright()).found
-    assert len(around) == 3
-    for (_, given), (taken, _) in pairwise(around):
-        np.testing.assert_array_equal(taken, given)
-
-
-def test_centres_are_drawn_in_by_what_validation_showed(tmp_path):
-    told, drawn = (detector(hand_made(tmp_path / f"{far}", outward=far))(bright()) for far in (0.0, 0.02))
-    side = float((told.box[2:] - told.box[:2]).max())
-    inward = 0.02 * side * (told.centre - (960, 540)) / 1920
-    np.testing.assert_allclose(drawn.centre, told.centre - inward, atol=1e-6)
-    np.testing.assert_array_equal(drawn.box, told.box)
-
-
 def test_the_detector_combines_its_nets(tmp_path):
-    found = detector(hand_made(tmp_path))(bright())
+    calibration = {"slope": 0.5, "offset": 1.0, "box": 3.0, "centre": 2.0, "yaw": 1.5}
+    found = detector(hand_made(tmp_path, yaw=0.5, calibration=calibration))(bright())
     assert found.found
-    np.testing.assert_allclose(found.centre, [705, 405], atol=1)  # whole pixels of the crops
-    np.testing.assert_allclose((found.box[:2] + found.box[2:]) / 2, found.centre, atol=0.01)
-    assert found.score == pytest.approx(1 / (1 + np.exp(-3)))
-    side = LEVEL_ROOM * (found.box[2] - found.box[0])  # of the crop that settle sees; e⁻⁴ of it is the scale
+    # The coarse net gives 20 of 384 px each way, 100 px, and the pose net 0.3 of its crop: of the last one here.
+    half = 0.3 * Settings().room * 200
+    side = around([700 - half, 400 - half, 700 + half, 400 + half], Settings().close).size[0]
+    np.testing.assert_allclose(found.box, np.array([700, 400] * 2) + 0.3 * side * np.array([-1, -1, 1, 1]), atol=0.01)
+    np.testing.assert_allclose(found.centre, [700, 400], atol=0.01)
+    assert found.yaw == pytest.approx(0.5)
+    assert found.score == pytest.approx(1 / (1 + np.exp(-2.5)))
+    np.testing.assert_allclose(found.box_sd_px, 3 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
     np.testing.assert_allclose(found.centre_sd_px, 2 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
+    assert found.yaw_sd == pytest.approx(1.5 * np.sqrt(2) * np.exp(-3) / 2)
     assert GrabDetector(tmp_path).settings == Settings(least_heat=0.2)
 
 
-def test_a_doubtful_grab_is_looked_at_again_from_where_it_was_seen_and_at_other_sizes(tmp_path):
-    # Refine says 0.6 of its crop, which is 1.5 boxes: each look sees a box of 0.9 of the one before.
-    nets = {
-        "sure": {},
-        "much light": {"presence": -3.0, "glow": (0.0, 6.0)},
-        "dark": {"presence": 2.2, "glow": (0.0, -6.0)},
-    }
-    sides = {"sure": 0.9, "much light": 0.6 * 0.9**4, "dark": 1.5 * 0.9**4}
-    for name, side in sides.items():
-        found = detector(hand_made(tmp_path / name, **nets[name]))(bright())
-        assert found.found
-        assert (found.score >= 0.9) == (name == "sure")
-        assert found.box[2] - found.box[0] == pytest.approx(150 * side, abs=3), name
+def test_the_most_present_of_the_hottest_places_counts(tmp_path):
+    looks = detector(hand_made(tmp_path, presence=-1.0, glow=24.0))
+    spots = bright(at=(300, 400))
+    assert not looks(spots).found
+    spots = np.maximum(spots, bright(at=(1100, 600), half=65) // 255 * 200)
+    assert looks.candidates(spots)[0].heat > 0.9 > looks.candidates(spots)[1].heat
+    np.testing.assert_allclose(looks(spots).centre, [1100, 600], atol=65)
+    for u in (500, 700):  # hotter, and so many that the last is none of the three
+        spots = np.maximum(spots, bright(at=(u, 400)))
+    assert len(looks.candidates(spots)) == looks.settings.candidates
+    assert not looks(spots).found
 
 
-def test_what_is_not_sure_enough_is_looked_at_again_first(tmp_path):
-    folder = hand_made(tmp_path, presence=2.2, glow=(0.0, 1.5))
-    assert 0.9 < GrabDetector(folder)(bright()).score < 0.95
-    assert GrabDetector(folder, Settings(least_heat=0.2, least_presence=0.95))(bright()).found
-
-
-def test_a_grab_is_found_behind_three_hotter_places(tmp_path):
-    picture = np.maximum.reduce([bright(at=(u, 405)) for u in (255, 705, 1155)])
-    three = detector(hand_made(tmp_path, presence=-4.6, glow=(12.0, 6.5)))
-    assert not three(picture).found
-    picture = np.maximum(picture, bright(at=(705, 795), half=65) // 255 * 200)
-    assert [round(place.heat, 2) for place in three.candidates(picture)[:4]] == [0.98, 0.98, 0.98, 0.8]
-    found = three(picture)
-    assert found.found
-    np.testing.assert_allclose(found.centre, [705, 795], atol=65)
-
-
-def test_the_output_of_settle_is_turned_back_into_the_picture(tmp_path):
-    found = detector(hand_made(tmp_path, yaw=0.5, aside=0.1))(bright())
-    box = found.box
-    away = 0.1 * LEVEL_ROOM * (box[2] - box[0])
-    np.testing.assert_allclose(
-        found.centre - (box[:2] + box[2:]) / 2, away * np.array([np.cos(0.5), np.sin(0.5)]), atol=1e-3
-    )
-    assert found.yaw == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.7, np.pi / 2, -2.5])
-def test_a_level_crop_shows_what_lies_there(angle):
-    level, dots = Level(np.array([400.3, 250.7]), 200.0, angle), np.array([[0.25, 0.5], [0.8, 0.3]])
-    for dot in dots:
-        picture = np.zeros((500, 800, 3), np.uint8)
-        u, v = np.floor(level.to_picture(dot)).astype(int)
-        picture[v - 4 : v + 5, u - 4 : u + 5] = 255
-        crop = cut_level(picture, level, 160)
-        weight = crop[..., 0].astype(float)
-        rows, columns = np.indices(weight.shape) + 0.5
-        middle = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum() / 160
-        np.testing.assert_allclose(middle, level.to_shares([u + 0.5, v + 0.5]), atol=5e-4)
-        assert (crop[..., 3] == 255).all()
-    np.testing.assert_allclose(level.to_picture(level.to_shares([[3.0, 5.0]])), [[3.0, 5.0]])
-
-
-def test_a_level_crop_says_what_lies_beyond_the_picture():
-    crop = cut_level(np.zeros((500, 800, 3), np.uint8), Level(np.array([0.0, 250.0]), 200.0, 0.0), 160)
-    assert (crop[:, :79, 3] == 0).all()
-    assert (crop[:, 81:, 3] == 255).all()
-    assert (crop[:, :79, :3] == GREY).all()
+def test_a_place_much_less_hot_than_the_hottest_is_no_candidate(tmp_path):
+    spots = np.maximum(bright(), bright(at=(1100, 600)) // 255 * 160)  # of heats 0.98 and 0.38
+    folder = hand_made(tmp_path)
+    for rivals, count in ((0.1, 2), (0.5, 1)):
+        assert len(GrabDetector(folder, Settings(least_heat=0.2, rivals=rivals)).candidates(spots)) == count
 
 
 def test_no_grab_comes_with_its_reason(tmp_path):
     dark = np.zeros((1080, 1920, 3), np.uint8)
     none = detector(hand_made(tmp_path))(dark)
     assert (none.status, none.reason, none.box, none.centre) == ("none", "nothing found", None, None)
-    (tmp_path / "b").mkdir()
     none = detector(hand_made(tmp_path / "b", presence=-3.0))(bright())
     assert none.status == "none"
     assert "it looks like something else" in none.reason
@@ -411,15 +333,25 @@ def test_what_is_no_detector_is_refused(tmp_path):
     for facts, problem in {
         "no JSON": "was not written by simgrab",
         "[1]": "was not written by simgrab",
-        json.dumps({"task": SETTLE}): "has no settings in its metadata",
+        json.dumps({"task": POSE}): "has no settings in its metadata",
     }.items():
-        net = onnx.load(ours / "settle.onnx")
+        net = onnx.load(ours / "pose.onnx")
         helper.set_model_props(net, {KEY: facts})
-        onnx.save(net, ours / "settle.onnx")
+        onnx.save(net, ours / "pose.onnx")
         with pytest.raises(DetectorError, match=problem):
             detector(ours)
 
 
+def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(detect, "WEIGHTS", tmp_path)
+    with pytest.raises(DetectorError, match=r"^no weights are bundled: name a folder"):
+        detector()
+
+
 def test_a_detector_is_called_by_its_folder(tmp_path):
-    assert detector(hand_made(tmp_path / "mine") / "settle.onnx").name == "mine"
-    assert detector().name == "bundled"
+    assert detector(hand_made(tmp_path / "mine") / "pose.onnx").name == "mine"
+
+
+@pytest.mark.skipif(not (WEIGHTS / "coarse.onnx").exists(), reason="no detector's weights are bundled")
+def test_the_bundled_detector_is_called_so():
+    assert detector().name == detector(WEIGHTS).name == "bundled"

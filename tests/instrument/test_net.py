@@ -308,13 +308,13 @@ def test_boxes_that_are_none(tmp_path, told, raw):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 3e38, -3e38, 1e4, -1e4])
-@pytest.mark.parametrize("which", ["find", "refine", "settle"])
+@pytest.mark.parametrize("which", ["coarse", "pose"])
 def test_nets_of_a_folder_that_output_nan_or_infinity(tmp_path, which, value):
     folder = hand_made(tmp_path / "nets")
     looks = detector(folder)
     path = folder / f"{which}.onnx"
     model = onnx.load(path)
-    names = {"find": ["twenty"], "refine": ["rows"], "settle": ["rows"]}[which]
+    names = {"coarse": ["twenty"], "pose": ["rows"]}[which]
     for weight in model.graph.initializer:
         if weight.name in names:
             values = np.full_like(numpy_helper.to_array(weight), value)
@@ -337,8 +337,7 @@ def test_nets_of_a_folder_that_output_nan_or_infinity(tmp_path, which, value):
 
 def test_folders_that_are_no_detector(tmp_path):
     sound = hand_made(tmp_path / "sound")
-    for name in ("find", "refine", "settle"):
-        other = {"find": "settle", "refine": "find", "settle": "find"}[name]
+    for name, other in (("coarse", "pose"), ("pose", "coarse")):
         for content in (None, b"", b"noise", (sound / f"{other}.onnx").read_bytes(), READER_WEIGHTS.read_bytes()):
             folder = tmp_path / "broken"
             shutil.rmtree(folder, ignore_errors=True)
@@ -364,24 +363,24 @@ def with_facts(folder, name, facts):
         ("settings", {"least_heat": np.nan}), ("settings", {"least_presence": -1}), ("settings", {"room": 1e9}),
         ("settings", {"room": 0}), ("settings", {"rivals": "all"}), ("settings", {"least_heat": True}),
         ("settings", {"least_heat": [0.1]}), ("settings", [1]), ("settings", "abc"), ("settings", None),
-        ("trust", {"centre": np.inf}), ("trust", {"box": -1}), ("trust", {"outward": 10**400}), ("trust", {"moon": 1}),
-        ("trust", 3),
+        ("calibration", {"centre": np.inf}), ("calibration", {"box": -1}), ("calibration", {"offset": 10**400}),
+        ("calibration", {"moon": 1}), ("calibration", 3),
     ],
 )  # fmt: skip
 def test_settings_that_are_made_to_harm(tmp_path, part, wrong):
-    facts = {"task": "settle-grab", "settings": {}, "trust": {}} | {part: wrong}
-    with pytest.raises(DetectorError, match=rf"settle\.onnx: {part}: (.*, got .|.*64 bits at most|moon: unknown key)"):
-        detector(with_facts(hand_made(tmp_path / "nets"), "settle", facts))
+    facts = {"task": "grab-pose", "settings": {}, "calibration": {}} | {part: wrong}
+    with pytest.raises(DetectorError, match=rf"pose\.onnx: {part}: (.*, got .|.*64 bits at most|moon: unknown key)"):
+        detector(with_facts(hand_made(tmp_path / "nets"), "pose", facts))
 
 
 def test_nets_of_other_shapes_are_refused(tmp_path):
     folder = hand_made(tmp_path / "nets")
-    model = onnx.load(folder / "refine.onnx")
+    model = onnx.load(folder / "pose.onnx")
     for weight in model.graph.initializer:
         if weight.name in ("rows", "light"):
-            weight.CopyFrom(numpy_helper.from_array(np.zeros((1, 3), np.float32), weight.name))
+            weight.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(weight)[:, :3], weight.name))
     model.graph.output[0].type.tensor_type.ClearField("shape")
-    onnx.save(model, folder / "refine.onnx")
+    onnx.save(model, folder / "pose.onnx")
     with pytest.raises(DetectorError, match=r"has unexpected output shapes \(1 x 3\)"):
         detector(folder)
 

@@ -502,7 +502,7 @@ def test_the_command_fails_with_status_1(shell, tmp_path):
     ],
 )
 def test_an_instrument_that_cannot_be_had_is_a_failure(shell, tmp_path, name, cause):
-    if name == "bundled" and (Path(__file__).parents[2] / "assets" / "weights" / "find.onnx").exists():
+    if name == "bundled" and (Path(__file__).parents[2] / "assets" / "weights" / "coarse.onnx").exists():
         pytest.skip("the detector's weights are bundled")
     status, out = shell("--instrument", name, "--quiet")
     assert status == 1

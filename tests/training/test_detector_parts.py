@@ -1,4 +1,3 @@
-import dataclasses
 import hashlib
 from types import SimpleNamespace
 
@@ -10,17 +9,22 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
-from scipy.special import logit  # noqa: E402
+from scipy.special import expit, logit  # noqa: E402
 
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
-from simgrab.instrument.detect.bundled import Settings, lean  # noqa: E402
-from simgrab.instrument.detect.patches import Level, Patch, cut  # noqa: E402
+from simgrab.instrument.detect.grab import Settings  # noqa: E402
+from simgrab.instrument.detect.patches import POSE_SIZE, Patch, cut  # noqa: E402
 from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.records.observations import Detection  # noqa: E402
 from simgrab.model.rng import stream  # noqa: E402
-from simgrab.training.detector import cache, evaluate, find, nets, refine, settings, settle  # noqa: E402
+from simgrab.training import loop  # noqa: E402
+from simgrab.training.detector import cache, coarse, evaluate, nets, pose, settings  # noqa: E402
 from simgrab.training.detector.augment import Dirt, Orientation, _hues  # noqa: E402
+from simgrab.training.detector.trunk import CHANNELS, PACKAGE, Trunk  # noqa: E402
+from simgrab.training.recipe import TrainingRecipe  # noqa: E402
+
+FIRST = tuple(f"blocks.{i}." for i in range(5))
 
 
 def middle(light):
@@ -59,10 +63,10 @@ def test_labels_turn_with_the_picture(mirror, quarters):
 
 def test_zooms_take_the_box_along():
     box = np.array([200.0, 90.0, 260.0, 170.0])
-    small = rectangle(box, 512, 288)
+    small = rectangle(box, 384, 224)
     checked = 0
     for i in range(40):
-        picture, moved = find._shifted(small, box, stream(0, i, "shift"))
+        picture, moved = coarse._shifted(small, box, stream(0, i, "shift"))
         x0, y0, x1, y1 = np.concatenate([moved[:2] - 4, moved[2:] + 4]).astype(int)
         around = picture[max(y0, 0) : y1, max(x0, 0) : x1, 0].astype(float)
         if np.array_equal(moved, box) or around.shape != (y1 - y0, x1 - x0) or around[[0, -1]].any():
@@ -94,29 +98,29 @@ def test_hues_turn_about_grey():
 # Targets ---------------------------------------------------------------------------------------------------------
 
 
-def test_finds_targets_lead_back_to_the_box():
+def test_coarse_targets_lead_back_to_the_box():
     box = np.array([100.3, 40.7, 180.9, 120.2])
-    heat, reach = find.target(box)
+    heat, reach = coarse.target(box)
     row, column = np.argwhere(heat == 1)[0]
     at = (np.array([column, row, column, row]) + 0.5) * nets.STRIDE
     np.testing.assert_allclose(at + reach[:, row, column] * [-1, -1, 1, 1], box, atol=1e-4)
     assert np.abs(at[:2] - (box[:2] + box[2:]) / 2).max() <= nets.STRIDE / 2
     assert (heat == 1).sum() == 1
-    assert not find.target(np.full(4, np.nan))[0].any()
+    assert not coarse.target(np.full(4, np.nan))[0].any()
 
 
-def test_finds_loss_is_least_at_its_target():
-    heat, reach = (torch.from_numpy(x)[None] for x in find.target(np.array([100.3, 40.7, 180.9, 120.2])))
+def test_the_coarse_loss_is_least_at_its_target():
+    heat, reach = (torch.from_numpy(x)[None] for x in coarse.target(np.array([100.3, 40.7, 180.9, 120.2])))
     sure = torch.where(heat == 1, 12.0, -12.0)
-    assert find.focal(sure, heat) < 1e-3 < find.focal(-sure, heat)
-    assert find.box_loss(reach, reach, heat).abs() < 1e-6
-    assert find.box_loss(reach * 1.1, reach, heat) > 0.05
+    assert coarse.focal(sure, heat) < 1e-3 < coarse.focal(-sure, heat)
+    assert coarse.box_loss(reach, reach, heat).abs() < 1e-6
+    assert coarse.box_loss(reach * 1.1, reach, heat) > 0.05
 
 
-def frame_of(row, box, path, width=640, height=360, *, mark=False):
-    """A frame that shows a light rectangle for a grab, or a mark about its centre."""
+def frame_of(row, box, path, width=640, height=360):
+    """A frame that shows a light rectangle for a grab."""
     u, v = box[0] + 20, box[1] + 10
-    cv2.imwrite(str(path), rectangle((u - 8, v - 8, u + 8, v + 8) if mark else box, width, height))
+    cv2.imwrite(str(path), rectangle(box, width, height))
     edges = dict(zip(("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), map(int, box), strict=True))
     centre = {"grab_u_px": float(u), "grab_v_px": float(v)}
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -124,45 +128,66 @@ def frame_of(row, box, path, width=640, height=360, *, mark=False):
     return cache.TrainingFrame(row, path, True, "")
 
 
-def test_refines_examples_show_what_they_say(dataset, tmp_path):
+def test_examples_of_the_pose_net_show_what_they_say(dataset, tmp_path):
     row = datasets.read(dataset).rows[0]
     boxes = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
     frames = [frame_of(row, box, tmp_path / f"{i}.png") for i, box in enumerate(boxes)]
-    crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
+    crops = pose.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
     sides, parts = list[float](), 0
     for i, box in enumerate(boxes):
         for trial in range(40):
-            example = refine._example(crops, i, False, stream(0, trial, "example"), lambda picture, _: picture)
+            example = pose._example(crops, i, False, stream(0, trial, "example"), lambda picture, _: picture)
             inside = example["crops"][..., 3] == 255
             light = np.where(inside, example["crops"][..., 0], 0) > 127
-            places = example["places"] * refine.REFINE_SIZE
+            places = example["places"] * POSE_SIZE
             ys, xs = np.nonzero(light)
             seen = np.array([xs.min(), ys.min(), xs.max() + 1, ys.max() + 1])
-            edges = np.clip(places[:4], 0, refine.REFINE_SIZE)
+            edges = np.clip(places[:4], 0, POSE_SIZE)
             np.testing.assert_allclose(seen, edges, atol=1.1, err_msg=f"{box} {trial}")
-            assert (np.abs(example["places"] - 0.5) < refine.FARTHEST - 0.5).all()
-            sides.append(refine.REFINE_SIZE / (places[2:4] - places[:2]).max())
+            assert (np.abs(example["places"] - 0.5) < pose.FARTHEST - 0.5).all()
+            sides.append(POSE_SIZE / (places[2:4] - places[:2]).max())
             parts += not np.array_equal(edges, places[:4])
             if i == 0 and np.array_equal(edges, places[:4]):
-                at = middle(example["crops"][..., 0].astype(float) * inside) * refine.REFINE_SIZE
-                np.testing.assert_allclose(at, (places[:2] + places[2:4]) / 2, atol=0.1)
+                beside = np.s_[max(seen[1] - 2, 0) : seen[3] + 2, max(seen[0] - 2, 0) : seen[2] + 2]
+                lit = np.zeros((POSE_SIZE, POSE_SIZE))  # without the grey beyond the picture, which its edge mixes in
+                lit[beside] = (example["crops"][..., 0] * inside)[beside]
+                np.testing.assert_allclose(middle(lit) * POSE_SIZE, (places[:2] + places[2:4]) / 2, atol=0.1)
             assert example["known"][:4].all()
-        nothing = refine._example(crops, i, True, stream(0, 0, "example"), None)
+        nothing = pose._example(crops, i, True, stream(0, 0, "example"), None)
         assert not nothing["known"].any()
         assert nothing["present"] == 0
-        assert not np.any(nothing["crops"][..., :3] == 255)
-    # Most as around a box much like the grab's, some as around a part of the grab, or much more than it.
-    assert 0.6 < np.mean((np.array(sides) > 1.05) & (np.array(sides) < 1.95)) < 0.95
-    assert np.max(sides) > 2.5
+    # Most as around a box much like the grab's, or closer, as the detector looks again; some as around a part of it.
+    assert 0.4 < np.mean((np.array(sides) > 1.65) & (np.array(sides) < 2.75)) < 0.65
+    assert 0.25 < np.mean((np.array(sides) > 1.15) & (np.array(sides) < 1.65)) < 0.45
+    assert np.min(sides) < 1.2
     assert parts > 4
 
 
-def test_what_find_suspects_becomes_a_hard_example(dataset, tmp_path):
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("quarters", range(4))
+def test_places_turn_with_the_crop(dataset, tmp_path, monkeypatch, mirror, quarters):
+    monkeypatch.setattr(pose, "turn", lambda *_, **__: Orientation(mirror, quarters))
+    frame = frame_of(datasets.read(dataset).rows[0], (200, 100, 300, 160), tmp_path / "0.png")
+    crops = pose.crops(tmp_path / "crops", [frame], [[]], seed=0)
+    for trial in range(8):
+        example = pose._example(crops, 0, False, stream(0, trial, "example"), lambda picture, _: picture)
+        if example["places"][:4].min() < 0 or example["places"][:4].max() > 1:
+            continue  # a part of the grab
+        x, y = (250 - 320) / 640, (130 - 180) / 640  # from the picture's middle to the rectangle's, in widths
+        x = -x if mirror else x
+        for _ in range(quarters):
+            x, y = -y, x
+        light = np.where(example["crops"][..., 3] == 255, example["crops"][..., 0], 0) > 200
+        seen = (example["crops"][light][:, 4:].astype(float).mean(axis=0) - 128) / 127
+        np.testing.assert_allclose(seen, [x, y], atol=0.003)
+
+
+def test_what_the_coarse_net_suspects_becomes_a_hard_example(dataset, tmp_path):
     row = datasets.read(dataset).rows[0]
     box = (200, 100, 300, 160)
     frames = [frame_of(row, box, tmp_path / "a.png")]
     suspect = np.array([400.0, 200.0, 500.0, 300.0])
-    crops = refine.crops(tmp_path / "crops", frames, [[np.array(box, float), suspect]], seed=0)
+    crops = pose.crops(tmp_path / "crops", frames, [[np.array(box, float), suspect]], seed=0)
     grab, other = crops.patches[0]
     assert labels.box(frames[0].row) is not None
     np.testing.assert_allclose(grab.to_picture([0.5, 0.5]), [250, 130], atol=1)
@@ -174,119 +199,35 @@ def test_no_hard_example_is_of_the_grab(dataset, tmp_path):
     frames = [frame_of(row, box, tmp_path / "a.png")] * 8
     grab = [np.array(one, float) for one in (box, (0, 0, 500, 330), (240, 120, 260, 140), (120, 60, 220, 160))]
     beside, far = np.array([300.0, 80, 400, 180]), np.array([400.0, 200, 500, 300])
-    crops = refine.crops(tmp_path / "crops", frames, [[*grab, beside, far] for _ in frames], seed=0)
+    crops = pose.crops(tmp_path / "crops", frames, [[*grab, beside, far] for _ in frames], seed=0)
     middles = [tuple(other.to_picture([0.5, 0.5]).round()) for _, other in crops.patches]
     assert set(middles) == {(350, 130), (450, 250)}  # and not of all frames the same
-    anywhere = refine.crops(tmp_path / "more", frames, [grab for _ in frames], seed=0)
+    anywhere = pose.crops(tmp_path / "more", frames, [grab for _ in frames], seed=0)
     for _, other in anywhere.patches:
-        half = other.size / refine.ROOM / 2
+        half = other.size / pose.ROOM / 2
         middle = other.to_picture([0.5, 0.5])
-        assert refine.apart(np.concatenate([middle - half, middle + half]), np.array(box, float))
+        assert pose.apart(np.concatenate([middle - half, middle + half]), np.array(box, float))
     full = [frame_of(row, (0, 0, 640, 360), tmp_path / "b.png")]
-    ((_, other),) = refine.crops(tmp_path / "full", full, [[]], seed=0).patches
+    ((_, other),) = pose.crops(tmp_path / "full", full, [[]], seed=0).patches
     np.testing.assert_array_less([640, 360], other.to_picture([0.5, 0.5]))
 
 
-class Says(torch.nn.Module):
-    """A refine that sees the grab in the middle of a crop, or left of it, level, and the sooner the lighter that is."""
-
-    def __init__(self):
-        super().__init__()
-        self.weight, self.left = torch.nn.Parameter(torch.zeros(1)), 0.0
-
-    def forward(self, crops):
-        out = torch.tensor([0.25, 0.25, 0.75, 0.75, 0.5, 0.5, *[-4.0] * 6, 1.0, 0.0, -3.0, 0.0]).repeat(len(crops), 1)
-        out[:, nets.PRESENCE] = crops[..., :3].float().mean((1, 2, 3)) / 64 - 1
-        out[:, [0, 2, 4]] -= self.left
-        return out
-
-
-BOXES = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
-
-
-def test_examples_of_settle_show_what_their_labels_state(dataset, tmp_path):
-    row = datasets.read(dataset).rows[0]
-    frames = [frame_of(row, box, tmp_path / f"{i}.png", mark=True) for i, box in enumerate(BOXES)]
-    crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
-    checked = 0
-    seen = [example for example in settle._examples(crops, Says()) if example.there]
-    assert len(seen) == 3
-    for i, example in enumerate(seen):
-        for trial in range(12):
-            level = settle._level(example, stream(0, trial, "example"))
-            told = settle._learned(example, stream(0, trial, "example"), None)
-            assert told["present"] == 1
-            np.testing.assert_array_equal(told["known"], [0, 0, 0, 0, 1, 1])
-            np.testing.assert_allclose(told["places"][4:], level.to_shares(labels.centre(frames[i].row)), atol=1e-6)
-            lean = 2 * (labels.yaw(row) - level.angle)
-            np.testing.assert_allclose(told["turned"], [np.cos(lean), np.sin(lean)], atol=1e-6)
-            light = told["crops"][..., 0].astype(float) * (told["crops"][..., 3] == 255)
-            if light.any() and not any(light[edge].any() for edge in ((0,), (-1,), (..., 0), (..., -1))):  # whole there
-                np.testing.assert_allclose(middle(light), told["places"][4:], atol=0.005)
-                checked += 1
-    assert checked > 20
-
-
-def test_settle_learns_what_refine_takes_for_the_grab_soonest(dataset, tmp_path):
-    row = datasets.read(dataset).rows[0]
-    frames = [frame_of(row, box, tmp_path / f"{i}.png") for i, box in enumerate(BOXES)]
-    empty = dataclasses.replace(frames[0], labelled=False)
-    places = [np.array(box, float) for box in ((200, 90, 300, 190), (400, 200, 500, 300))]
-    some = [
-        refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0),
-        refine.crops(tmp_path / "hard", [empty], [places], seed=0),
-    ]
-    task = settle.PoseTask(some, some, Says())
-    chosen = settle._chosen(some, Says())
-    assert (
-        [example.there for example in chosen] == [True] * 3 + [False] * 2 == [True] * 3 + [False] * (task.examples - 3)
-    )
-    hardest = chosen[3]  # the rectangle, which the labels of that frame do not know
-    assert hardest.crops is some[1]
-    assert hardest.presence == max(example.presence for example in settle._examples(some[1], Says()))
-    nothing = settle._learned(hardest, stream(0, 0, "example"), None)
-    assert nothing["present"] == 0
-    assert not nothing["known"].any()
-    figures = task.validate(Says().eval())
-    assert figures["told_apart"] == pytest.approx(4 / 5)  # all but that rectangle
-
-
-def test_settle_does_not_learn_that_the_grab_beside_is_none(dataset, tmp_path):
-    frame = frame_of(datasets.read(dataset).rows[0], BOXES[0], tmp_path / "0.png")
-    beside = np.array([300.0, 80, 400, 180])
-    crops = refine.crops(tmp_path / "crops", [frame], [[beside]], seed=0)
-    assert [example.there for example in settle._examples(crops, Says())] == [True, False]
-    finds = Says()
-    finds.left = 0.5
-    assert [example.there for example in settle._examples(crops, finds)] == [True]
-
-
-@pytest.mark.parametrize("aside", [0.0, 60.0, 300.0])
-def test_a_level_part_of_a_crop_keeps_within_it(aside):
-    patch, said = Patch(100, 100, 320, 320), Level(np.array([210.0 + aside, 210.0]), 190.0, 0.7)
-    kept = settle._within(said, patch)
-    corners = kept.to_picture([[0, 0], [0, 1], [1, 0], [1, 1]])
-    assert (corners > 99).all()
-    assert (corners < 321).all()
-    assert kept.angle == said.angle
-
-
-def test_refines_loss_is_least_at_its_target():
+def test_the_pose_loss_is_least_at_its_target():
     batch = {
         "places": torch.tensor([[0.2, 0.3, 0.7, 0.8, 0.5, 0.4]]), "known": torch.ones(1, 6),
         "turned": torch.tensor([[0.0, 1.0]]), "present": torch.ones(1),
     }  # fmt: skip
     out = torch.full((1, nets.COLUMNS), -8.0)
     out[:, :6], out[:, nets.YAW], out[:, nets.PRESENCE] = batch["places"], batch["turned"], 12.0
-    best = refine.loss(out, batch)
+    best = pose.loss(out, batch)
     for column, change in ((0, 0.1), (5, 0.1), (12, 5.0), (15, -14.0)):
         worse = out.clone()
         worse[:, column] += change
-        assert refine.loss(worse, batch) > best + 0.05, column
+        assert pose.loss(worse, batch) > best + 0.05, column
     unknown = batch | {"known": torch.zeros(1, 6)}
     moved = out.clone()
     moved[:, 0] += 0.3
-    assert refine.loss(moved, unknown) == refine.loss(out, unknown)
+    assert pose.loss(moved, unknown) == pose.loss(out, unknown)
 
 
 @pytest.mark.parametrize("column", [6, 11, nets.YAW_SCALE])
@@ -300,7 +241,7 @@ def test_scales_far_too_small_do_not_drown_what_else_is_to_learn(column):
         out = torch.full((1, nets.COLUMNS), 0.4)
         out[:, column] = scale
         out.requires_grad_(True)
-        refine.loss(out, batch).backward()
+        pose.loss(out, batch).backward()
         assert torch.isfinite(out.grad).all()
         return float(out.grad[0, column])
 
@@ -314,37 +255,65 @@ def test_weights_are_best_on_the_cells_beside_a_position():
     middles = (torch.arange(-nets.BEYOND, 40 + nets.BEYOND) + 0.5) / 40
     near = torch.relu(1 - 40 * (middles - places[0][:, None]).abs())[None]  # what the mean of which is the position
     np.testing.assert_allclose((near * middles).sum(-1), places, atol=1e-5)
-    best = refine.spread((near + 1e-9).log(), batch)
+    best = pose.spread((near + 1e-9).log(), batch)
     for other in (near.roll(1, -1), near.roll(-1, -1), torch.full((1, 6, cells), 1 / cells)):
-        assert refine.spread((other + 1e-9).log(), batch) > best + 0.5
+        assert pose.spread((other + 1e-9).log(), batch) > best + 0.5
 
 
 # The soft-argmax -------------------------------------------------------------------------------------------------
 
 
 def test_positions_lie_in_the_middle_of_cells():
-    told = nets._Positions(1, 1)
+    told = nets._Positions()
     for weight in told.parameters():
         torch.nn.init.zeros_(weight)
-    profile = torch.zeros(1, 2, 40)
-    flat, _ = told(profile, torch.zeros(1, 1))
+    profile = torch.zeros(1, told.enter.in_channels, 40)
+    summary = torch.zeros(1, told.context.in_features)
+    flat, _ = told(profile, summary)
     np.testing.assert_allclose(flat.detach(), 0.5, atol=1e-6)  # the middle of all cells is the middle of the crop
     with torch.no_grad():
         told.enter.weight[0, 0, 0] = 1.0
         for layer in told.layers[::2]:
             layer.weight[:, 0, 4] = 100.0
     profile[0, 0, 7] = 1.0
-    np.testing.assert_allclose(told(profile, torch.zeros(1, 1))[0].detach(), 7.5 / 40, atol=1e-6)
+    np.testing.assert_allclose(told(profile, summary)[0].detach(), 7.5 / 40, atol=1e-6)
 
 
 # The nets --------------------------------------------------------------------------------------------------------
 
 
 def test_nets_give_the_shapes_they_state():
-    heat, reach = nets.Find()(torch.zeros(2, 288, 512, 3, dtype=torch.uint8))
-    assert heat.shape == (2, 36, 64)
-    assert reach.shape == (2, 4, 36, 64)
-    assert nets.Refine()(torch.zeros(2, 160, 160, 4, dtype=torch.uint8)).shape == (2, nets.COLUMNS)
+    heat, reach = nets.Coarse()(torch.zeros(2, 224, 384, 3, dtype=torch.uint8))
+    assert heat.shape == (2, 28, 48)
+    assert reach.shape == (2, 4, 28, 48)
+    assert nets.Pose()(torch.zeros(2, POSE_SIZE, POSE_SIZE, 6, dtype=torch.uint8)).shape == (2, nets.COLUMNS)
+
+
+def test_the_trunk_is_the_pretrained_network():
+    """Mean magnitudes are of the package efficientnet_lite_pytorch 0.1.0."""
+    pytest.importorskip(PACKAGE)
+    x, y = np.meshgrid(np.arange(128), np.arange(96))
+    waves = np.stack([np.sin(x / 9 + y / 17), np.sin(x / 5 - y / 7), np.cos(y / 4)]).astype(np.float32)
+    with torch.inference_mode():
+        levels = Trunk().load().eval()(torch.from_numpy(waves)[None])
+    found = {stride: float(level.abs().mean()) for stride, level in levels.items()}
+    assert found == pytest.approx({4: 9.62953, 8: 8.25072, 16: 5.47663, 32: 4.03224}, rel=1e-4)
+    assert {stride: level.shape[1] for stride, level in levels.items()} == CHANNELS
+
+
+def test_statistics_of_norms_first_blocks_and_depthwise_kernels_stay_while_the_rest_learns():
+    net = nets.Coarse()
+    before = {name: value.clone() for name, value in net.trunk.state_dict().items()}
+    optimiser = loop._optimiser(net, TrainingRecipe())
+    net.train()
+    heat, reach = net(torch.randint(0, 256, (2, 64, 96, 3), dtype=torch.uint8))
+    (heat.square().mean() + reach.mean()).backward()
+    optimiser.step()
+    changed = {name for name, value in net.trunk.state_dict().items() if not torch.equal(value, before[name])}
+    assert changed == {
+        name for name, weight in net.trunk.named_parameters()
+        if not name.startswith(("stem", *FIRST)) and not name.endswith("depthwise.1.weight")
+    }  # fmt: skip
 
 
 # Caches, figures -------------------------------------------------------------------------------------------------
@@ -431,26 +400,25 @@ def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
         )
         for _ in range(2000)
     ]  # fmt: skip
-    trust = evaluate.trust(seen)
-    assert (trust.box, trust.centre, trust.yaw) == pytest.approx((2.0, 0.5, 3.0), rel=0.08)
-    assert evaluate.trust(seen[:3]).centre == 1.0
+    looks = SimpleNamespace(settings=Settings())
+    found = evaluate.calibrated(looks, seen)[0]["calibration"]
+    assert (found["box"], found["centre"], found["yaw"]) == pytest.approx((2.0, 0.5, 3.0), rel=0.08)
+    assert evaluate.calibrated(looks, seen[:3])[0]["calibration"]["centre"] == 1.0
 
 
-def test_how_far_out_centres_are_predicted_is_measured_and_corrected(dataset, tmp_path):
-    row, rng, seen = datasets.read(dataset).rows[0], np.random.default_rng(0), []
-    for _ in range(400):
-        centre, sd = rng.uniform((0, 0), (row.width_px, row.height_px)), float(rng.uniform(0.2, 2.0))
-        box = np.array([*(centre - 30), *(centre + (30, 10))])
-        named = dict(zip(("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), box.tolist(), strict=True))
-        shown = msgspec.structs.replace(row, grab_u_px=float(centre[0]), grab_v_px=float(centre[1]), **named)
-        told = centre + 0.05 * lean(centre, box, row.width_px, row.height_px) + rng.normal(0, sd, 2)
-        found = Detection("found", "", 1.0, box, told, 0.0, np.ones(4), np.full(2, sd), 0.1)
-        seen.append(evaluate.DetectedFrame(cache.TrainingFrame(shown, tmp_path, True, ""), found))
-    trust = evaluate.trust(seen)
-    assert trust.outward == pytest.approx(0.05, abs=0.01)
-    assert trust.centre == pytest.approx(1.0, abs=0.08)
-    assert evaluate.outward(evaluate.drawn_in(seen, trust.outward)) == pytest.approx(0.0, abs=0.002)
-    assert evaluate.outward(seen[:3]) == 0.0
+def test_presences_become_probabilities(dataset, tmp_path):
+    row, rng = datasets.read(dataset).rows[0], np.random.default_rng(0)
+    box = np.array(labels.box(row), float)
+    logits = rng.uniform(-8, 8, 6000)
+    seen = [
+        evaluate.DetectedFrame(
+            cache.TrainingFrame(row, tmp_path, bool(there), ""), Detection("found", "", float(expit(x)), box)
+        )
+        for x, there in zip(logits, rng.random(6000) < expit(0.5 * logits + 1.0), strict=True)
+    ]
+    assert evaluate.platt(seen) == pytest.approx((0.5, 1.0), abs=0.08)
+    assert evaluate.recalibrated(seen[:1], 0.5, 1.0)[0].detection.score == pytest.approx(expit(0.5 * logits[0] + 1.0))
+    assert evaluate.platt(seen[:20]) == (1.0, 0.0)  # too few
 
 
 def test_a_threshold_falls_only_if_enough_frames_show_no_grab(dataset, tmp_path):
@@ -498,4 +466,4 @@ def test_the_recipe_shows_as_many_frames_however_many_there_are():
         quick, usual = (settings.recipes(750, quick=one, started=started, half=False) for one in (True, False))
         for name in settings.SHOWN:
             assert getattr(quick, name).epochs * 2 < getattr(usual, name).epochs
-    assert settings.recipes(8, epochs=3, half=False).refine.epochs == 3
+    assert settings.recipes(8, epochs=3, half=False).pose.epochs == 3

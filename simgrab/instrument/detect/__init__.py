@@ -6,20 +6,22 @@ import os
 from pathlib import Path
 
 from simgrab.errors import DetectorError
-from simgrab.instrument.detect.bundled import FIND, FOUR_ROPE, GENERIC, REFINE, SETTLE, SHIPPED, WEIGHTS, GrabDetector
 from simgrab.instrument.detect.contract import Detector
+from simgrab.instrument.detect.grab import BUNDLED, COARSE, POSE, WEIGHTS, GrabDetector
 from simgrab.instrument.detect.yolo import Yolo
 from simgrab.instrument.net import open_net
 
+_NAMES = (BUNDLED, "any-grab")  # the latter as commands call it that were written for two detectors
 
-def detector(name: str | Path = FOUR_ROPE) -> Detector:
+
+def detector(name: str | Path = BUNDLED) -> Detector:
     """Open a detector.
 
     Parameters
     ----------
     name : str or path
-        ``"bundled"`` for the default four-rope grab, ``"any-grab"`` for grabs of all kinds, a folder with nets as
-        `simgrab train` writes them, or a YOLO's ``.onnx`` file.
+        ``"bundled"`` for the one that simgrab comes with, a folder with nets as `simgrab train` writes them, or a
+        YOLO's ``.onnx`` file.
 
     Raises
     ------
@@ -33,21 +35,21 @@ def detector(name: str | Path = FOUR_ROPE) -> Detector:
     'none'
     """
     path = located(name)
-    if path in SHIPPED.values() and not (path / "find.onnx").exists():
+    if path == WEIGHTS and not (path / "coarse.onnx").exists():
         raise DetectorError(
-            f"no weights are bundled for {name!r}: name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
+            "no weights are bundled: name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
         )
     if os.path.isdir(path):  # noqa: PTH112  # unlike Path.is_dir answers no where a name is too long
         return GrabDetector(path)
     net = open_net(path)
-    if net.facts.get("task") in (FIND, REFINE, SETTLE):
+    if net.facts.get("task") in (COARSE, POSE):
         return GrabDetector(path.parent)
     return Yolo(net)
 
 
 def located(name: str | Path) -> Path:
-    """Return the folder of a bundled detector, by its name; any other path is returned unchanged."""
-    return SHIPPED[name] if isinstance(name, str) and name in SHIPPED else Path(name)
+    """Return the folder of the bundled detector, by its names; any other path is returned unchanged."""
+    return WEIGHTS if isinstance(name, str) and name in _NAMES else Path(name)
 
 
-__all__ = ["FOUR_ROPE", "GENERIC", "SHIPPED", "WEIGHTS", "Detector", "GrabDetector", "Yolo", "detector", "located"]
+__all__ = ["BUNDLED", "WEIGHTS", "Detector", "GrabDetector", "Yolo", "detector", "located"]

@@ -13,16 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simgrab.instrument.detect.boxes import about
 from simgrab.model.geometry import Array
 
 Picture = NDArray[np.uint8]
 
-FIND_WIDTH, FIND_HEIGHT = 512, 288
-REFINE_SIZE = 160
-LEVEL_ROOM = 1.1  # side of a level part over the longer side of the grab's box
-VERIFY_SIZE = 224
-VERIFY_ROOM = 1.9  # side of verify's crop over the longer side of the grab's box
+COARSE_WIDTH, COARSE_HEIGHT = 384, 224
+POSE_SIZE, POSE_CHANNELS = 192, 6
 GREY = 114  # of what lies beyond the picture; the colour YOLO letterboxes with
 
 
@@ -59,40 +55,7 @@ class Patch:
         return np.asarray((np.asarray(points, float) - self.corner) / self.size)
 
 
-@dataclass(frozen=True, eq=False)
-class Level:
-    """A square part of a picture, turned so that a direction of the picture becomes its own x axis.
-
-    Attributes
-    ----------
-    middle : ndarray, shape (2,)
-        Middle, px of the picture.
-    side : float
-        Side, px of the picture.
-    angle : float
-        Angle of that direction, clockwise from the picture's x axis, rad.
-    """
-
-    middle: Array
-    side: float
-    angle: float
-
-    @property
-    def axes(self) -> Array:
-        """Its x and y axis in the picture, unit columns, shape (2, 2)."""
-        c, s = math.cos(self.angle), math.sin(self.angle)
-        return np.array([[c, -s], [s, c]])
-
-    def to_picture(self, shares: ArrayLike) -> Array:
-        """Convert points (..., 2) from shares of the part to the picture's pixels."""
-        return np.asarray(self.middle + self.side * (np.asarray(shares, float) - 0.5) @ self.axes.T)
-
-    def to_shares(self, points: ArrayLike) -> Array:
-        """Convert points (..., 2) from the picture's pixels to shares of the part."""
-        return np.asarray((np.asarray(points, float) - self.middle) @ self.axes / self.side + 0.5)
-
-
-def whole(width: int, height: int, aspect: float = FIND_WIDTH / FIND_HEIGHT, *, centred: bool = True) -> Patch:
+def whole(width: int, height: int, aspect: float = COARSE_WIDTH / COARSE_HEIGHT, *, centred: bool = True) -> Patch:
     """Smallest patch of an aspect (width over height) that holds a whole picture, in its middle or at its top left."""
     wide = max(width, round(height * aspect))
     high = max(height, round(wide / aspect))
@@ -130,44 +93,36 @@ def cut(picture: Picture, patch: Patch, width: int, height: int) -> Picture:
     return cv2.resize(content, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def cut_with_mask(picture: Picture, patch: Patch, size: int) -> Picture:
-    """Cut a square patch; its fourth channel is the share of each pixel inside the picture, 0 to 255."""
+def cut_crop(picture: Picture, patch: Patch, size: int) -> Picture:
+    """Cut a square patch for the pose net.
+
+    Returns
+    -------
+    ndarray of uint8, shape (size, size, 6)
+        Red, green and blue; the share of each pixel inside the picture; and `places`.
+    """
     h, w = picture.shape[:2]
     inside = mask(w, h, patch.corner, patch.size, size)
-    return np.concatenate([cut(picture, patch, size, size), inside[..., None]], axis=-1)
+    where = as_bytes(places(w, h, patch.corner, patch.size, size))
+    return np.concatenate([cut(picture, patch, size, size), inside[..., None], where], axis=-1)
 
 
-def cut_level(picture: Picture, level: Level, size: int) -> Picture:
-    """Cut a level part of a picture; its fourth channel is the share of each pixel inside the picture."""
-    half = level.side / 2
-    upright = around(about(level.middle, half), math.sqrt(2))
-    return turned(cut_with_mask(picture, upright, round(math.sqrt(2) * size)), upright, level, size)
-
-
-def turned(crop: Picture, patch: Patch, level: Level, size: int) -> Picture:
-    """Rotate an upright crop to a level part of the same picture.
+def places(width: int, height: int, corner: Array, extent: Array, size: int) -> Array:
+    """Where each pixel of a part lies: from the picture's middle, in the picture's widths, (size, size, 2).
 
     Parameters
     ----------
-    crop : ndarray of uint8, shape (n, n, 4)
-        Crop of ``patch``, with what lies in the picture; as fine as the result, or nearly so.
-    patch : Patch
-    level : Level
-        The level part to cut.
-    size : int
-        Side of the result, (size, size, 4).
+    width, height, corner, extent, size
+        As of `mask`.
     """
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # of the crop
-    origin, *ends = level.to_shares(patch.to_picture(corners)) * size
-    matrix = np.stack([end - origin for end in ends], axis=1) / crop.shape[0]
-    shift = origin + matrix @ [0.5, 0.5] - 0.5  # OpenCV counts from the middle of the first pixel
-    return np.asarray(
-        cv2.warpAffine(
-            crop, np.column_stack([matrix, shift]), (size, size), flags=cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT, borderValue=(GREY, GREY, GREY, 0),
-        ),
-        np.uint8,
-    )  # fmt: skip
+    steps = (np.arange(size) + 0.5) / size
+    x, y = (corner[:, None] + steps * extent[:, None] - np.array([[width], [height]]) / 2) / width
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def as_bytes(where: Array) -> Picture:
+    """Quantise `places`: 128 is the picture's middle, 0 and 255 lie a width from it or farther."""
+    return np.clip(np.rint(128 + 127 * where), 0, 255).astype(np.uint8)
 
 
 def mask(width: int, height: int, corner: Array, extent: Array, size: int) -> Picture:

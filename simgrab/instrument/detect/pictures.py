@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from simgrab.errors import DatasetError, DetectorError, SourceError
-from simgrab.instrument.detect import FOUR_ROPE, Detector
+from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as open_detector
 from simgrab.instrument.detect.patches import Picture
 from simgrab.instrument.source import PictureFiles, open_source
@@ -51,7 +51,7 @@ class Detections:
 
 
 def detect(
-    source: str | Path, detector: str | Path | Detector = FOUR_ROPE, progress: Progress | None = None
+    source: str | Path, detector: str | Path | Detector = BUNDLED, progress: Progress | None = None
 ) -> Detections:
     """Detect the grab in a picture, a folder of pictures or a dataset, writing nothing.
 
@@ -60,7 +60,7 @@ def detect(
     source : str or path
         As `simgrab.instrument.source.open_source` takes it, except for videos and streams.
     detector : str, path or Detector
-        ``"bundled"``, ``"any-grab"``, a folder that `simgrab train detector` wrote, a YOLO's ``.onnx`` file, or an open
+        ``"bundled"``, a folder that `simgrab train detector` wrote, a YOLO's ``.onnx`` file, or an open
         detector.
     progress : callable, optional
         Called with (pictures done, pictures in all).

@@ -23,7 +23,7 @@ from simgrab.model.scenario.base import unit_of
 from simgrab.pages.server.application import application, json
 from simgrab.pages.studio.commands import command
 from simgrab.pages.studio.documents import Documents, ExistsError
-from simgrab.pages.studio.measuring import DETECTORS, Measuring
+from simgrab.pages.studio.measuring import Measuring
 from simgrab.pages.studio.rendering import Rendering, Wish
 from simgrab.pages.studio.turns import SupersededError
 from simgrab.text import printable
@@ -44,7 +44,6 @@ class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     frame : int
     small : bool
         Whether a small picture will do.
-    detector : str
     path : str
         Where it is saved.
     replace : bool
@@ -55,7 +54,6 @@ class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     side: Side = "a"
     frame: int = 0
     small: bool = False
-    detector: str = DETECTORS[0]
     path: str = ""
     replace: bool = False
 
@@ -96,7 +94,7 @@ class Studio:
         return json({
             "origin": printable(documents.origin), "scene": _plain(documents.start),
             "default": _plain(Scenario()), "schema": whole, "scenes": list(map(printable, documents.names())),
-            "layouts": ["none", *layouts.names()], "detectors": DETECTORS, "root": printable(documents.root),
+            "layouts": ["none", *layouts.names()], "root": printable(documents.root),
         })  # fmt: skip
 
     def open(self, request: Request) -> Response:
@@ -114,14 +112,13 @@ class Studio:
     async def measure(self, request: Request) -> Response:
         """Give what the instrument makes of a frame."""
         asked, scenario = await self._asked(request)
-        if asked.detector not in DETECTORS or not 0 <= asked.frame < scenario.frames:
+        if not 0 <= asked.frame < scenario.frames:
             raise HTTPException(404)
 
         def measured() -> dict[str, Any]:
             return self._measuring.measure(
-                scenario, asked.frame, asked.detector,
-                lambda number: self._rendering.stored(asked.side, Wish(scenario, number)),
-            )  # fmt: skip
+                scenario, asked.frame, lambda number: self._rendering.stored(asked.side, Wish(scenario, number))
+            )
 
         return json(await run_in_threadpool(measured))
 

@@ -6,6 +6,7 @@ are measured one by one, and the estimate gets better as they become more.
 
 from __future__ import annotations
 
+import functools
 import math
 import threading
 from concurrent.futures import Future
@@ -17,7 +18,6 @@ import msgspec
 from simgrab.dataset.tables import calibration_of
 from simgrab.errors import ScenarioError
 from simgrab.instrument.contract import Frame
-from simgrab.instrument.detect import SHIPPED
 from simgrab.instrument.observation import Observation, one
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, assemble
 from simgrab.io import pictures
@@ -26,7 +26,6 @@ from simgrab.model.scenario import Iid, Scenario
 
 MOST_FRAMES = 60
 """Of a record."""
-DETECTORS = tuple(sorted(SHIPPED, reverse=True))
 _KEPT = 2  # records: those of both sides
 
 
@@ -40,7 +39,6 @@ class PictureSource(Protocol):
 @dataclass
 class _Record:
     scenario: Scenario
-    detector: str
     calibration: Calibration
     observations: dict[int, Observation] = field(default_factory=dict)
 
@@ -49,19 +47,16 @@ class Measuring:
     """Measures frames with the bundled instrument. It never sees a truth."""
 
     def __init__(self) -> None:
-        self._instruments: dict[str, Pipeline] = {}
         self._records: list[_Record] = []
         self._turn = threading.Lock()
 
-    def measure(self, scenario: Scenario, frame: int, detector: str, rendered: PictureSource) -> dict[str, Any]:
+    def measure(self, scenario: Scenario, frame: int, rendered: PictureSource) -> dict[str, Any]:
         """Measure a frame; where that was done already, measure one more of its record.
 
         Parameters
         ----------
         scenario : Scenario
         frame : int
-        detector : str
-            One of `DETECTORS`.
         rendered : PictureSource
 
         Returns
@@ -76,7 +71,7 @@ class Measuring:
             If a frame cannot be, or is none for the detector.
         """
         wanted = sorted({*record_of(scenario, frame), frame})
-        record = self._record(scenario, detector)
+        record = self._record(scenario)
         left = [number for number in (frame, *wanted) if number not in record.observations]
         if left:
             number, data, lost = left[0], b"", ""
@@ -91,24 +86,23 @@ class Measuring:
         with self._turn:
             numbers = [number for number in wanted if number in record.observations]
             seen = [record.observations[number] for number in numbers]
-            concluded = self._instrument(detector).conclude(seen, record.calibration)
-        about = {"measured": len(numbers), "wanted": len(wanted), "detector": detector}
+            concluded = self._instrument.conclude(seen, record.calibration)
+        about = {"measured": len(numbers), "wanted": len(wanted)}
         return about | _described(concluded, numbers.index(frame))
 
-    def _record(self, scenario: Scenario, detector: str) -> _Record:
+    def _record(self, scenario: Scenario) -> _Record:
         with self._turn:
-            known = [one for one in self._records if one.scenario == scenario and one.detector == detector]
-            record = known[0] if known else _Record(scenario, detector, calibration_of(scenario))
+            known = [one for one in self._records if one.scenario == scenario]
+            record = known[0] if known else _Record(scenario, calibration_of(scenario))
             self._records = [record, *(one for one in self._records if one is not record)][:_KEPT]
             return record
 
-    def _instrument(self, detector: str) -> Pipeline:
-        if detector not in self._instruments:
-            self._instruments[detector] = assemble(detector=detector)
-        return self._instruments[detector]
+    @functools.cached_property
+    def _instrument(self) -> Pipeline:
+        return assemble()
 
     def _observe(self, record: _Record, number: int, data: bytes, lost: str) -> Observation:
-        instrument, scenario = self._instrument(record.detector), record.scenario
+        instrument, scenario = self._instrument, record.scenario
         begin = scenario.span(scenario.clip.of(number)).start
         timed = not isinstance(scenario.swing, Iid)
         seconds = (number - begin) / scenario.clip.frame_rate_hz if timed else None

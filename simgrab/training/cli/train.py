@@ -72,9 +72,6 @@ def _counts(_context: click.Context, _parameter: click.Parameter, text: str | No
     help="Frames of --grab or --scene.  [default: 960 of --grab, else the scene's own]",
 )
 @click.option(
-    "--hard", type=PATH, multiple=True, help="Dataset of negative examples for the last network; may be repeated."
-)
-@click.option(
     "--also",
     type=PATH,
     multiple=True,
@@ -99,25 +96,24 @@ def _counts(_context: click.Context, _parameter: click.Parameter, text: str | No
     "--from",
     "start",
     metavar="DETECTOR",
-    help="Start from the weights of this detector: bundled, any-grab, or a folder. Takes about 18 minutes.",
+    help="Start from the weights of this detector: bundled, or a folder. Takes about 20 minutes.",
 )
 @click.option("--seed", default=0, show_default=True, help="Seed of weights, order, augmentation and frames.")
 @click.option("--quick", is_flag=True, help="About a fifth of the time.")
 @click.option("--epochs", type=int, help="Epochs of each network.  [default: chosen by time]")
-@click.option("--batch", type=int, help="Batch size.  [default: 16 of the first network, 32 of the others]")
+@click.option("--batch", type=int, help="Batch size.  [default: 16 of the first network, 32 of the second]")
 @click.option("--patience", default=0, show_default=True, help="Stop after so many epochs without gain; 0 never does.")
 @_of_detectors
 def detector(
     datasets: tuple[Path, ...], out: Path, grab: Path | None, scene: str | None, frames: int | None,
-    hard: tuple[Path, ...], also: tuple[Path, ...], real: tuple[Path, ...], grab_classes: tuple[str, ...],
+    also: tuple[Path, ...], real: tuple[Path, ...], grab_classes: tuple[str, ...],
     counts: tuple[int, ...], start: str | None, seed: int, quick: bool, epochs: int | None, batch: int | None,
     patience: int, device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
-    OUT gets find.onnx, refine.onnx and settle.onnx, which --detector takes as a folder, each with a model card. The
-    verify.onnx of a detector with four networks that --from names is copied.
-    --from any-grab --grab FILE trains on rendered frames of your own grab, about 27 minutes on two cores.
+    OUT gets coarse.onnx and pose.onnx, which --detector takes as a folder, each with a model card.
+    --from bundled --grab FILE trains on rendered frames of your own grab, about 30 minutes on two cores.
     Figures of rendered and of real frames are kept apart.
     """
     from simgrab.training import need_torch
@@ -155,7 +151,7 @@ def detector(
         named(device)
         if begin is not None:
             GrabDetector(begin)
-        for dataset in (*datasets, *hard):
+        for dataset in datasets:
             read(dataset)
         datasets = (*datasets, _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=shows))
     chosen = functools.partial(
@@ -166,18 +162,18 @@ def detector(
         if counts:
             assert known is not None
             points = curve.learning_curve(
-                datasets, out, chosen, known, counts, seed=seed, hard=hard, start=begin, resume=resume,
+                datasets, out, chosen, known, counts, seed=seed, start=begin, resume=resume,
                 watch=shown.step, report=shown.training,
             )  # fmt: skip
         else:
             result = train(
-                datasets, out, chosen, hard=hard, real=known, start=begin, resume=resume, watch=shown.step,
+                datasets, out, chosen, real=known, start=begin, resume=resume, watch=shown.step,
                 report=shown.training,
             )  # fmt: skip
     if counts:
         _print_curve(points, out, as_json=as_json, quiet=quiet)
         return
-    _print_metrics(result.metrics, out / "refine.md", as_json=as_json, quiet=quiet)
+    _print_metrics(result.metrics, out / "pose.md", as_json=as_json, quiet=quiet)
     if not quiet and not result.metrics["recall"]:
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
 
@@ -219,47 +215,6 @@ def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
     with drawing("rendering frames", shown=shown) as (progress, checking):
         render(scene, path, workers=workers, resume=True, progress=progress, checking=checking)
     return path
-
-
-@command.command()
-@click.argument("datasets", nargs=-1, required=True, type=PATH)
-@click.option("--out", type=FOLDER, required=True, help="New folder for all networks, cards and the checkpoint.")
-@click.option(
-    "--from",
-    "start",
-    metavar="DETECTOR",
-    default="any-grab",
-    show_default=True,
-    help="The detector to complete: bundled, any-grab, or a folder.",
-)
-@click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
-@click.option("--quick", is_flag=True, help="A third of the time.")
-@click.option("--epochs", type=int, help="Epochs.  [default: 12, or 4 with --quick]")
-@click.option("--batch", default=32, show_default=True, help="Batch size.")
-@_of_detectors
-def verify(
-    datasets: tuple[Path, ...], out: Path, start: str, seed: int, quick: bool, epochs: int | None, batch: int,
-    device: str, threads: int, half: bool | None, resume: bool, as_json: bool, quiet: bool,
-) -> None:  # fmt: skip
-    """Train a detector's fourth network, which distinguishes the hanging grab from parked ones by its ropes.
-
-    DATASETS of `simgrab render` should be unknown to the detector. OUT gets all four networks, and is a detector.
-    """
-    from simgrab.training import need_torch
-    from simgrab.training.folder import check
-
-    check(out, resume=resume)  # before torch is imported, which takes seconds
-    need_torch()
-    from simgrab.instrument.detect import located
-    from simgrab.training.detector.verify import recipe, train_verify
-
-    given = {"seed": seed, "batch": batch, "device": device, "threads": threads, "epochs": epochs, "half": half}
-    chosen = recipe(quick=quick, **{name: value for name, value in given.items() if value is not None})
-    with resumable(out), board(shown=not (quiet or as_json)) as shown:
-        metrics = train_verify(
-            datasets, located(start), out, chosen, resume=resume, watch=shown.step, report=shown.training("verify")
-        )
-    _print_metrics(metrics, out / "verify.md", as_json=as_json, quiet=quiet)
 
 
 @command.command()

@@ -1,1 +1,1 @@
-"""The nets of the detector: they find the grab in the whole picture, refine its box, and predict pose and presence."""
+"""The nets of the detector: one proposes boxes in the whole picture, the other predicts presence and pose in crops."""

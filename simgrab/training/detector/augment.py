@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from simgrab.instrument.detect.patches import Picture
 from simgrab.model.geometry import Array
 
 _NOISE = 1 << 20  # bytes of noise made once; each picture takes a stretch of it
+_BLUR = (0.4, 3.5)  # px, standard deviation
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,7 @@ class Orientation:
     mirror: bool
     quarters: int
 
-    def picture(self, picture: Picture) -> Picture:
+    def picture(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Lay a picture (h, w, channels)."""
         laid = picture[:, ::-1] if self.mirror else picture
         return np.rot90(laid, -self.quarters)
@@ -58,23 +61,25 @@ class Dirt:
     def __call__(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Spoil a picture (h, w, 3).
 
-        Grey or turned hues, tone and cast, blur, noise, sharpening, compression, and a patch cut out: each at times,
-        in the order in which cameras have them.
+        Grey or turned hues, tone and cast, blur, noise, sharpening, fewer pixels, compression, and a patch cut out:
+        each at times, in the order in which cameras have them.
         """
         result = np.ascontiguousarray(picture)
-        if rng.random() < 0.15:
+        if rng.random() < 0.2:
             result = cv2.cvtColor(cv2.cvtColor(result, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
         elif rng.random() < 0.25:
             result = cv2.transform(result, _hues(float(rng.uniform(-np.pi, np.pi))))
         result = cv2.LUT(result, _curves(rng))
         if rng.random() < 0.2:
-            result = cv2.GaussianBlur(result, (0, 0), float(rng.uniform(0.4, 1.3)))
+            result = cv2.GaussianBlur(result, (0, 0), float(np.exp(rng.uniform(*np.log(_BLUR)))))
         if rng.random() < 0.3:
             result = self._noisy(result, float(rng.uniform(1, 10)), rng)
         if rng.random() < 0.25:
             result = _sharpened(result, float(rng.uniform(0.3, 2.5)), float(rng.uniform(0.5, 1.6)))
         if rng.random() < 0.15:
-            result = _coded(result, int(rng.integers(15, 60)))
+            result = _coarsened(result, float(rng.uniform(0.3, 0.8)))
+        if rng.random() < 0.2:
+            result = _coded(result, int(rng.integers(8, 60)))
         if rng.random() < 0.25:
             result = _cut_out(result, rng)
         return np.asarray(result, np.uint8)
@@ -94,6 +99,13 @@ def _sharpened(picture: Picture, amount: float, radius: float) -> Picture:
     """Mask a picture unsharp, by a radius in px."""
     blurred = cv2.GaussianBlur(picture, (0, 0), radius)
     return np.asarray(cv2.addWeighted(picture, 1 + amount, blurred, -amount, 0))
+
+
+def _coarsened(picture: Picture, share: float) -> Picture:
+    """Shrink a picture to a share of its size, and enlarge it again."""
+    h, w = picture.shape[:2]
+    small = cv2.resize(picture, (round(share * w), round(share * h)), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR))
 
 
 def _coded(picture: Picture, quality: int) -> Picture:

@@ -34,7 +34,6 @@ def learning_curve(
     counts: Sequence[int],
     *,
     seed: int = 0,
-    hard: Sequence[str | Path] = (),
     start: str | Path | None = None,
     resume: bool = False,
     watch: Watch | None = None,
@@ -44,7 +43,7 @@ def learning_curve(
 
     Parameters
     ----------
-    paths, recipes, hard, start, resume, watch, report
+    paths, recipes, start, resume, watch, report
         As those of `simgrab.training.detector.train.train`.
     out : path
         Gets a folder ``real-N`` for each number, with a detector, and a table (`JSON`, `MARKDOWN`).
@@ -69,7 +68,7 @@ def learning_curve(
     parts = {count: real.some(count, seed) for count in counts}
     sets = datasets.read_all(paths, "train", "val")
     rendered = len(FrameSplits.of(sets).train)
-    common = [__version__, datasets.digest(sets), datasets.digest(datasets.read_all(hard, "train")) if hard else ""]
+    common = [__version__, datasets.digest(sets)]
     common += [*start_digests(start).values(), digest(real.held_out)]
     points = []
     with claim(out, resume=resume, traces=CURVE):
@@ -80,7 +79,7 @@ def learning_curve(
             figures = _known(folder / _POINT, identity) if resume else None
             if figures is None:
                 figures = train(
-                    paths, folder, recipes, hard=hard, real=part, start=start, resume=resume, watch=step, report=follow
+                    paths, folder, recipes, real=part, start=start, resume=resume, watch=step, report=follow
                 ).metrics
                 write(folder / _POINT, json.dumps({"identity": identity, "figures": figures}).encode())
                 shutil.rmtree(folder / "cache", ignore_errors=True)

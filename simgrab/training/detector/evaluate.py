@@ -8,10 +8,11 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from scipy.optimize import minimize
 from scipy.special import expit, logit
 
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.bundled import GrabDetector, Trust, lean
+from simgrab.instrument.detect.grab import Calibration, GrabDetector
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
@@ -19,12 +20,13 @@ from simgrab.training.detector import cache
 
 LEVEL = 0.95
 _NORMAL = 1.96  # deviations either way that cover LEVEL of a normal distribution
+_LEAST = 1e-9  # presence whose logit is finite
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
 # Missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm.
 _FALSE = 3.0
 _UP = 0.9  # how far up the range of equally good ones it lies, in logits
-_FEWEST = 20  # detections from which on a factor is measured
+_FEWEST = 20  # detections from which on a factor or a slope is fitted
 _FEWEST_EMPTY = 50  # frames without a grab from which on a threshold below the one before is fitted
 
 
@@ -48,14 +50,6 @@ class DetectedFrame:
         """Whether the grab was found where it is."""
         return self.overlap >= 0.5
 
-    @property
-    def lean(self) -> Array:
-        """`bundled.lean` of what was found."""
-        found, row = self.detection, self.frame.row
-        assert found.centre is not None
-        assert found.box is not None
-        return lean(found.centre, found.box, row.width_px, row.height_px)
-
 
 def watch(
     detector: Callable[[Any], Detection], frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
@@ -72,7 +66,7 @@ def watch(
 def calibrated(
     detector: GrabDetector, detected: Sequence[DetectedFrame], real: Sequence[DetectedFrame] = (), before: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Fit the presence threshold and the factors of `Trust` to what a detector without either outputs.
+    """Fit the presence, its threshold and the factors of deviations to what a detector without them outputs.
 
     Parameters
     ----------
@@ -87,17 +81,55 @@ def calibrated(
     Returns
     -------
     facts : dict
-        ``settings`` and ``trust``, for the metadata of settle.
+        ``settings`` and ``calibration``, for the metadata of the pose net.
     figures : dict
         `metrics` of the rendered frames then.
     """
+    slope, offset = platt([*detected, *real])
+    detected, real = (recalibrated(some, slope, offset) for some in (detected, real))
     presence = round(least_presence([*detected, *real]), 4)
     if sum(not one.frame.labelled for one in [*detected, *real]) < _FEWEST_EMPTY:
         presence = max(presence, before)
     detected, real = by(presence, detected), by(presence, real)
     settings = msgspec.structs.asdict(msgspec.structs.replace(detector.settings, least_presence=presence))
-    factors = trust([*detected, *real])
-    return {"settings": settings, "trust": as_dict(factors)}, metrics(drawn_in(detected, factors.outward))
+    factors = {name: _factor(some) for name, some in errors_over_sd([*detected, *real]).items()}
+    fitted = msgspec.structs.asdict(Calibration(slope=slope, offset=offset, **factors))
+    calibration = {name: round(value, 4) for name, value in fitted.items()}
+    return {"settings": settings, "calibration": calibration}, metrics(detected)
+
+
+def platt(detected: Sequence[DetectedFrame]) -> tuple[float, float]:
+    """Fit slope and offset by which logits of the presence become those of a probability (Platt 1999).
+
+    Parameters
+    ----------
+    detected : sequence of DetectedFrame
+        By a detector that takes every presence for enough; hits and empty frames count.
+    """
+    known = [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
+    there = np.array([one.hit for one in known], float)
+    if min(there.sum(), (1 - there).sum()) < _FEWEST:
+        return 1.0, 0.0
+    logits = logit(np.clip([one.detection.score for one in known], _LEAST, 1 - _LEAST))
+    # Targets short of 0 and 1, so that a perfect separation has a finite slope.
+    wanted = np.where(there == 1, (there.sum() + 1) / (there.sum() + 2), 1 / ((1 - there).sum() + 2))
+
+    def entropy(values: Array) -> float:
+        x = np.exp(values[0]) * logits + values[1]
+        return float((np.logaddexp(0, x) - wanted * x).mean())
+
+    slope, offset = minimize(entropy, [0.0, 0.0], method="Nelder-Mead").x
+    return float(np.exp(slope)), float(offset)
+
+
+def recalibrated(detected: Sequence[DetectedFrame], slope: float, offset: float) -> list[DetectedFrame]:
+    """Apply such a fit to the scores of detections."""
+    return [
+        replace(one, detection=replace(
+            one.detection, score=float(expit(slope * logit(np.clip(one.detection.score, _LEAST, 1 - _LEAST)) + offset))
+        ))
+        for one in detected
+    ]  # fmt: skip
 
 
 def least_presence(detected: Sequence[DetectedFrame]) -> float:
@@ -130,34 +162,6 @@ def by(presence: float, detected: Sequence[DetectedFrame]) -> list[DetectedFrame
     return [
         one if not one.detection.found or one.detection.score >= presence
         else DetectedFrame(one.frame, Detection("none", nothing, one.detection.score))
-        for one in detected
-    ]  # fmt: skip
-
-
-def trust(detected: Sequence[DetectedFrame]) -> Trust:
-    """Measure the centre errors, and the factors by which ±1.96 deviations then cover 95 % of them."""
-    far = outward(detected)
-    ratios = errors_over_sd(drawn_in(detected, far))
-    return Trust(outward=far, **{name: _factor(some) for name, some in ratios.items()})
-
-
-def outward(detected: Sequence[DetectedFrame]) -> float:
-    """Fit `Trust.outward` to the centres of hits, the surest counting most; 0 where there are few."""
-    parts = []
-    for one in detected:
-        centre, sd = one.detection.centre, one.detection.centre_sd_px
-        if one.hit and centre is not None and sd is not None:
-            error, way = centre - labels.centre(one.frame.row), one.lean
-            parts.append((way @ (error / sd**2), way @ (way / sd**2)))
-    sums = np.array([part for part in parts if np.isfinite(part).all()])
-    return float(sums[:, 0].sum() / sums[:, 1].sum()) if len(sums) >= _FEWEST else 0.0
-
-
-def drawn_in(detected: Sequence[DetectedFrame], far: float) -> list[DetectedFrame]:
-    """Return the detections with centres moved inwards by `Trust.outward`."""
-    return [
-        one if one.detection.centre is None
-        else replace(one, detection=replace(one.detection, centre=one.detection.centre - far * one.lean))
         for one in detected
     ]  # fmt: skip
 
@@ -210,8 +214,3 @@ def _figures(detected: Sequence[DetectedFrame]) -> dict[str, Any]:
         "empty_frames": len(empty),
         "false_boxes": sum(one.detection.found for one in empty),
     }
-
-
-def as_dict(factors: Trust) -> dict[str, float]:
-    """Plain factors, rounded as metadata."""
-    return {name: round(value, 4) for name, value in msgspec.structs.asdict(factors).items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,7 @@ import torch
 from onnx import helper, numpy_helper
 from torch import nn
 
-from simgrab.errors import TrainingError
-from simgrab.instrument.net import KEY, MOST_BYTES
-from simgrab.io.parse import read_bytes
-from simgrab.training.card import redigest
+from simgrab.instrument.net import KEY
 from simgrab.training.folder import write
 from simgrab.training.graph import traced
 
@@ -43,25 +40,6 @@ def export(net: nn.Module, example: torch.Tensor, outputs: list[str], path: Path
     helper.set_model_props(model, {KEY: json.dumps(facts)})
     onnx.checker.check_model(model)
     write(path, model.SerializeToString())
-
-
-def copy(names: Sequence[str], start: Path, out: Path) -> None:
-    """Copy nets, and their cards where there are any, by name from one folder to another."""
-    for name in names:
-        for suffix in (".json", ".md", ".onnx"):
-            path = start / f"{name}{suffix}"
-            if suffix == ".onnx" or path.exists():
-                write(out / path.name, read_bytes(path, TrainingError, most_bytes=MOST_BYTES))
-
-
-def restated(path: Path, facts: Mapping[str, Any]) -> None:
-    """Replace the metadata of a file that `export` wrote, and with them the digest in its card."""
-    model = onnx.load_from_string(path.read_bytes())
-    helper.set_model_props(model, {KEY: json.dumps(facts)})
-    data = model.SerializeToString()
-    write(path, data)
-    if path.with_suffix(".json").exists():
-        redigest(path.with_suffix(".json"), data)
 
 
 def halved(model: onnx.ModelProto) -> onnx.ModelProto:

@@ -13,7 +13,7 @@ import numpy as np
 
 from simgrab.dataset import boxed
 from simgrab.errors import DatasetError, TrainingError
-from simgrab.instrument.detect.bundled import GrabDetector
+from simgrab.instrument.detect.grab import GrabDetector
 from simgrab.model.records.observations import Detection
 from simgrab.model.rng import stream
 from simgrab.model.truth import Boxed

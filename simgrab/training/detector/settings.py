@@ -10,25 +10,23 @@ from simgrab.training.recipe import TrainingRecipe
 
 @dataclass(frozen=True)
 class Recipes:
-    """How the three nets are trained.
+    """How the two nets are trained.
 
     Attributes
     ----------
-    find, refine, settle : TrainingRecipe
+    coarse, pose : TrainingRecipe
     """
 
-    find: TrainingRecipe
-    refine: TrainingRecipe
-    settle: TrainingRecipe
+    coarse: TrainingRecipe
+    pose: TrainingRecipe
 
 
-# Frames shown in all, however many there are to learn from; of settle with about 1.6 crops each. In a hurry 14.5
-# minutes' worth on two cores, most of it where mAP comes from.
-SHOWN = {"find": 50_000, "refine": 180_000, "settle": 150_000}
-SHOWN_QUICK = {"find": 14_000, "refine": 72_000, "settle": 10_000}
-# Of nets that begin with trained weights: about 18 minutes on two cores.
-SHOWN_AFTER = {"find": 8_000, "refine": 36_000, "settle": 30_000}
-SHOWN_AFTER_QUICK = {"find": 2_000, "refine": 12_000, "settle": 3_000}
+# Frames shown in all, however many there are to learn from.
+SHOWN = {"coarse": 40_000, "pose": 120_000}
+SHOWN_QUICK = {"coarse": 10_000, "pose": 24_000}
+# Of nets that begin with trained weights: about 20 minutes on two cores.
+SHOWN_AFTER = {"coarse": 8_000, "pose": 30_000}
+SHOWN_AFTER_QUICK = {"coarse": 2_000, "pose": 6_000}
 RATE_AFTER = 0.5  # of the usual one
 
 
@@ -51,7 +49,7 @@ def recipes(
     epochs : int, optional
         Of each; by default as many as show the usual number of frames.
     batch : int, optional
-        Examples a step of each; by default 16 of find, 32 of the others.
+        Examples a step of each; by default 16 of the coarse net, 32 of the pose net.
     half : bool, optional
         Multiply in bfloat16; by default where this machine has units for it.
     **changes
@@ -67,7 +65,7 @@ def recipes(
         rate *= RATE_AFTER if started else 1.0
         return replace(common, epochs=wanted, rate=rate, batch=min(usual if batch is None else batch, max(frames, 1)))
 
-    return Recipes(one("find", 2e-3, 16), one("refine", 2e-3, 32), one("settle", 1e-3, 32))
+    return Recipes(one("coarse", 1e-3, 16), one("pose", 1e-3, 32))
 
 
 def has_half_units(device: str) -> bool:

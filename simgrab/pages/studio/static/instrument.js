@@ -4,19 +4,13 @@ import { askJson, make, written } from "./dom.js";
 
 export class Instrument {
   /** `wished()` gives what to measure: { scene, side, frame }, or null where nothing is at rest. */
-  constructor(place, detectors, wished, viewer) {
-    Object.assign(this, { place, wished, viewer, turn: 0, detector: detectors[0], open: false });
-    this.select = make("select", {}, ...detectors.map((one) => make("option", { value: one }, one)));
-    this.select.addEventListener("change", () => {
-      this.detector = this.select.value;
-      this.restart();
-    });
+  constructor(place, wished, viewer) {
+    Object.assign(this, { place, wished, viewer, turn: 0, open: false });
     this.content = make("div", { "aria-live": "polite" });
     this.progress = make("p", { class: "field soft" });
-    place.replaceChildren(make("div", { class: "bar" }, make("label", { class: "field" }, "Detector ", this.select), this.progress),
-      this.content, make("p", { class: "soft" },
-        "The instrument gets the image and the camera file, never the truth. One frame gives box and digits. " +
-        "The swing takes the tilt of the camera, which is estimated from frames of the same scene."));
+    place.replaceChildren(make("div", { class: "bar" }, this.progress), this.content, make("p", { class: "soft" },
+      "The instrument gets the image and the camera file, never the truth. One frame gives box and digits. " +
+      "The swing takes the tilt of the camera, which is estimated from frames of the same scene."));
   }
 
   /** Measure what is shown from now on, and then more frames of its record, until there is something newer. */
@@ -24,7 +18,7 @@ export class Instrument {
     const turn = ++this.turn;
     const wished = this.open ? this.wished() : null;
     if (!wished) return;
-    const body = JSON.stringify({ ...wished, detector: this.detector });
+    const body = JSON.stringify(wished);
     let found = null;
     this.content.classList.add("old");
     try {

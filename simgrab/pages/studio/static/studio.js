@@ -35,7 +35,7 @@ const controls = new Controls(byId("controls"), properties, start.default, () =>
 controls.layouts = start.layouts;
 const viewers = Object.fromEntries(["a", "b"].map((side) => [side, new Viewer(side, document.querySelector(`[data-side="${side}"]`),
   () => ({ scene: sceneOf(side), frame: view.frame }), shown, failed)]));
-const instrument = new Instrument(byId("panel-instrument"), start.detectors, () =>
+const instrument = new Instrument(byId("panel-instrument"), () =>
   (viewers[view.side].about && !viewers[view.side].about.small ? { scene: sceneOf(view.side), side: view.side, frame: view.frame } : null),
 (side) => viewers[side]);
 

@@ -1,12 +1,11 @@
-"""What refine learns: edges, grab centre and yaw in a crop, how sure it is of each, and whether the grab is there."""
+"""What the pose net learns: whether a crop shows the grab, its edges, centre and yaw, and how sure each is."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -15,11 +14,10 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab.instrument.detect.boxes import about, covered, iou
-from simgrab.instrument.detect.patches import REFINE_SIZE, Patch, Picture, around, cut, mask
+from simgrab.instrument.detect.patches import POSE_SIZE, Patch, Picture, around, as_bytes, cut, mask, places
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
-from simgrab.model.truth import Boxed, Row
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache
 from simgrab.training.detector.augment import Dirt, turn
@@ -33,25 +31,24 @@ from simgrab.training.detector.nets import (
     PRESENCE,
     YAW,
     YAW_SCALE,
-    Refine,
+    Pose,
 )  # fmt: skip
 from simgrab.training.loop import SCORE
 
-E = TypeVar("E")
-Cut: TypeAlias = Callable[[E, np.random.Generator, Dirt | None], dict[str, NDArray[np.generic]]]
-
 CROP = 384  # px of a cached crop
 ROOM = 3.0  # its side over the box's longer one
-_ZOOM = (1.1, 1.9)  # a learned crop's side over the box's longer one
+# A learned crop's side over the box's longer one: around the closer crop of the detector, and around its first.
+_CLOSE_SHARE, _CLOSE, _ZOOM = 0.4, (1.2, 1.65), (1.6, 2.7)
 _SHIFT = 0.25  # of the longer side, at most
-# Where find takes a part of the grab for all of it, or takes what is around it for a part, a crop is cut like that.
-_FAR_SHARE, _FAR_ZOOM, _FAR_SHIFT = 0.25, (0.6, ROOM), 0.4
-_OTHERS = 0.3  # share of examples that show something else than the grab
+# Where the coarse net takes a part of the grab for all of it, or what is around it for a part, a crop is cut like that.
+_FAR_SHARE, _FAR_ZOOM, _FAR_SHIFT = 0.25, (1.0, ROOM), 0.4
+_OTHERS = 0.25  # share of examples of frames with a grab that show something else
 _TRIES = 50  # to draw a place of something else
+_WEIGHTS = (1.0, 1.0, 1.0, 1.0, 2.0, 2.0)  # of the edges, and of the grab centre, which angles are computed from
 _SURPRISE = 10.0  # scales; of Laplace's errors 1 in 20,000 is greater
 _APART = 0.1  # of the smaller of two boxes, covered by the other: from there on both show the same
-FARTHEST = 1 + (BEYOND - 1) * CELL / REFINE_SIZE  # share of a crop in which a position can be predicted
-_OUTERMOST = 1 + (BEYOND - 2) * CELL / REFINE_SIZE  # at which the net has an edge that lies farther out
+FARTHEST = 1 + (BEYOND - 1) * CELL / POSE_SIZE  # share of a crop in which a position can be predicted
+_OUTERMOST = 1 + (BEYOND - 2) * CELL / POSE_SIZE  # at which the net has an edge that lies farther out
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +67,6 @@ class Crops:
     patches: list[list[Patch]]
     frames: Sequence[cache.TrainingFrame]
 
-    def part(self, i: int, slot: int, window: Patch, size: int) -> tuple[Picture, Picture]:
-        """Cut a window, in a cached crop's own pixels, to a size; also how much of each pixel lies in the picture."""
-        patch, row = self.patches[i][slot], self.frames[i].row
-        corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
-        inside = mask(row.width_px, row.height_px, corner, extent, size)
-        return cut(np.asarray(self.crops[i, slot]), window, size, size), inside
-
 
 def crops(
     folder: Path,
@@ -93,7 +83,7 @@ def crops(
     folder : Path
     chosen : sequence of Frame
     suspects : sequence of sequences of ndarray, shape (4,)
-        Boxes of each frame, px, that find took for the grab; what is none of it becomes a hard example.
+        Boxes of each frame, px, that the coarse net took for the grab; what is none of it becomes a hard example.
     seed : int
         Of the places that are cut where nothing was suspected.
     """
@@ -132,8 +122,8 @@ def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.ran
     return around([w, h, w + 2 * half, h + 2 * half], ROOM)  # beyond a corner of a picture that the grab fills
 
 
-class BoxTask:
-    """Refine's task (`simgrab.training.loop.Task`)."""
+class PoseTask:
+    """The pose net's task (`simgrab.training.loop.Task`)."""
 
     def __init__(self, train: Crops, validation: Crops) -> None:
         self.train, self._dirt = train, Dirt()
@@ -175,43 +165,6 @@ class BoxTask:
         return {"mean_iou": mean, "centre_error": error, "told_apart": float(correct.mean()), SCORE: score}
 
 
-class CropTask(Generic[E]):
-    """A task of examples whose crops are cut anew whenever they are learned from (`simgrab.training.loop.Task`).
-
-    ``cut`` takes an example, chance, and dirt, or None as at work; ``name`` is of the chance of validation crops.
-    """
-
-    def __init__(self, train: Sequence[E], validation: Sequence[E], cut: Cut[E], name: str) -> None:
-        self._train, self._cut, self._dirt = train, cut, Dirt()
-        rng = stream(0, 0, name)
-        examples = [cut(example, rng, None) for example in validation]
-        self._validation = stack(examples) if examples else {}
-
-    @property
-    def examples(self) -> int:
-        """Number of training crops."""
-        return len(self._train)
-
-    def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
-        """Cut crops, augmented."""
-        return stack([self._cut(self._train[i], rng, self._dirt) for i in chosen])
-
-
-@dataclass(frozen=True, eq=False)
-class Example:
-    """A cached crop, and whether it shows the grab."""
-
-    crops: Crops
-    frame: int
-    slot: int
-    there: bool
-
-    @property
-    def row(self) -> Row | Boxed:
-        """Of its frame."""
-        return self.crops.frames[self.frame].row
-
-
 def answers(net: nn.Module, batch: Batch) -> Tensor:
     """Run a network on a batch of any length, a few crops at a time; its output (n, 16) on the CPU."""
     device = next(net.parameters()).device
@@ -219,14 +172,14 @@ def answers(net: nn.Module, batch: Batch) -> Tensor:
 
 
 def lost(net: nn.Module, batch: Batch) -> Tensor:
-    """Compose the loss of the output of a `simgrab.training.detector.nets.Refine` and of its intermediate maps."""
-    assert isinstance(net, Refine)
+    """Compose the loss of the output of a `simgrab.training.detector.nets.Pose` and of its intermediate maps."""
+    assert isinstance(net, Pose)
     out, weights = net.outputs_and_weights(batch["crops"])
     return loss(out, batch) + spread(weights, batch)
 
 
 def loss(out: Tensor, batch: Batch) -> Tensor:
-    """Loss of an output of `simgrab.training.detector.nets.Refine` (n, 16).
+    """Loss of an output of `simgrab.training.detector.nets.Pose` (n, 16).
 
     Positions are learned by their distance alone; their error is then learned as the scale of a Laplace distribution,
     of which errors of many scales count as little more than `_SURPRISE` of them.
@@ -234,6 +187,7 @@ def loss(out: Tensor, batch: Batch) -> Tensor:
     known = batch["known"]
     count = known.sum().clamp(min=1.0)
     miss = (out[:, :6] - batch["places"]).abs() * known
+    far = (miss * known.new_tensor(_WEIGHTS)).sum() / count
     scales = torch.cat([out[:, EDGE_SCALES], out[:, CENTRE_SCALES]], 1)
     unsure = (_surprise(miss.detach(), scales) + scales) * known
     turned, there = batch["turned"], batch["present"]
@@ -245,9 +199,7 @@ def loss(out: Tensor, batch: Batch) -> Tensor:
     lean = (_surprise(delta, out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * level
     grabs = level.sum().clamp(min=1.0)
     presence = binary_cross_entropy_with_logits(out[:, PRESENCE], there)
-    return (
-        40 * miss.sum() / count + 0.2 * unsure.sum() / count + off.sum() / grabs + 0.05 * lean.sum() / grabs + presence
-    )
+    return 40 * far + 0.2 * unsure.sum() / count + off.sum() / grabs + 0.05 * lean.sum() / grabs + presence
 
 
 def _surprise(miss: Tensor, scales: Tensor) -> Tensor:
@@ -282,25 +234,27 @@ def _example(
     slot = 1 if other else 0
     patch, row = crops.patches[i][slot], frame.row
     window = _window(patch, labels.box(row) if there else None, rng)
-    picture, inside = crops.part(i, slot, window, REFINE_SIZE)
+    picture = cut(np.asarray(crops.crops[i, slot]), window, POSE_SIZE, POSE_SIZE)
     corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
-    places, yaw = np.full(6, np.nan), 0.0
+    part = (row.width_px, row.height_px, corner, extent, POSE_SIZE)
+    inside, where = mask(*part), places(*part)
+    wanted, yaw = np.full(6, np.nan), 0.0
     if there:
         box = labels.box(row)
         assert box is not None
-        places = ((np.concatenate([box, labels.centre(row)]).reshape(3, 2) - corner) / extent).ravel()
+        wanted = ((np.concatenate([box, labels.centre(row)]).reshape(3, 2) - corner) / extent).ravel()
         yaw = labels.yaw(row)
     if dirt:
         laid = turn(rng, quarters=True)
-        picture = dirt(laid.picture(picture), rng)
-        inside = laid.picture(inside)
-        places = np.concatenate([laid.box(places[:4]), laid.points(places[4:])])
+        picture, inside = dirt(laid.picture(picture), rng), laid.picture(inside)
+        where = laid.points(laid.picture(where) + 0.5) - 0.5
+        wanted = np.concatenate([laid.box(wanted[:4]), laid.points(wanted[4:])])
         yaw = laid.angle(yaw)
-    places[:4] = np.clip(places[:4], 1 - _OUTERMOST, _OUTERMOST)  # an edge that is farther out is looked for from there
-    known = np.isfinite(places) & (np.abs(places - 0.5) < FARTHEST - 0.5)
+    wanted[:4] = np.clip(wanted[:4], 1 - _OUTERMOST, _OUTERMOST)  # an edge that is farther out is looked for from there
+    known = np.isfinite(wanted) & (np.abs(wanted - 0.5) < FARTHEST - 0.5)
     return {
-        "crops": np.concatenate([picture, inside[..., None]], axis=-1),
-        "places": np.where(known, places, 0).astype(np.float32),
+        "crops": np.concatenate([picture, inside[..., None], as_bytes(where)], axis=-1),
+        "places": np.where(known, wanted, 0).astype(np.float32),
         "known": known.astype(np.float32),
         "turned": doubled(yaw),
         "present": np.float32(there),
@@ -319,7 +273,8 @@ def _window(patch: Patch, box: Array | None, rng: np.random.Generator) -> Patch:
         corners = patch.to_shares(box.reshape(2, 2)) * CROP
         longest, middle = float((corners[1] - corners[0]).max()), corners.mean(axis=0)
     far = box is not None and rng.random() < _FAR_SHARE
-    side = longest * np.exp(rng.uniform(*np.log(_FAR_ZOOM if far else _ZOOM)))
+    zoom = _FAR_ZOOM if far else _CLOSE if rng.random() < _CLOSE_SHARE else _ZOOM
+    side = longest * np.exp(rng.uniform(*np.log(zoom)))
     if far:
         shift = rng.uniform(-_FAR_SHIFT, _FAR_SHIFT, 2) * longest
     else:

@@ -1,4 +1,4 @@
-"""What find learns: heat at the visible box's centre (Zhou et al. 2019), and from there the distances to its edges."""
+"""What the coarse net learns: heat at the visible box's centre (Zhou et al. 2019), and the distances to its edges."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from simgrab.instrument.detect.boxes import iou
-from simgrab.instrument.detect.patches import FIND_HEIGHT, FIND_WIDTH, Patch, Picture, cut, whole
+from simgrab.instrument.detect.patches import COARSE_HEIGHT, COARSE_WIDTH, Patch, Picture, cut, whole
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.training.copies import Batch
@@ -22,14 +22,14 @@ from simgrab.training.detector.augment import Dirt, turn
 from simgrab.training.detector.nets import STRIDE
 from simgrab.training.loop import SCORE
 
-_SIZE = np.array([FIND_WIDTH, FIND_HEIGHT], float)
+_SIZE = np.array([COARSE_WIDTH, COARSE_HEIGHT], float)
 _LEFT = 0.4  # share of a box that a shift must leave in the picture
 _NEAR = 0.3  # target heat above which a cell predicts the edges
 
 
 @dataclass(frozen=True, eq=False)
 class SmallPictures:
-    """Small pictures (n, 288, 512, 3), and their boxes (n, 4) in their own pixels, NaN where there is no grab."""
+    """Small pictures (n, 224, 384, 3), and their boxes (n, 4) in their own pixels, NaN where there is no grab."""
 
     pictures: NDArray[np.uint8]
     boxes: Array
@@ -42,9 +42,9 @@ def pictures(
 
     def make(_: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
         patch = whole(picture.shape[1], picture.shape[0])
-        return cut(picture, patch, FIND_WIDTH, FIND_HEIGHT), [patch]
+        return cut(picture, patch, COARSE_WIDTH, COARSE_HEIGHT), [patch]
 
-    small, patches = cache.build(folder, chosen, (FIND_HEIGHT, FIND_WIDTH, 3), make, progress)
+    small, patches = cache.build(folder, chosen, (COARSE_HEIGHT, COARSE_WIDTH, 3), make, progress)
     boxes = np.full((len(chosen), 4), np.nan)
     for i, frame in enumerate(chosen):
         corners = labels.box(frame.row)
@@ -54,7 +54,7 @@ def pictures(
 
 
 class CoarseTask:
-    """Find's task (`simgrab.training.loop.Task`)."""
+    """The coarse net's task (`simgrab.training.loop.Task`)."""
 
     def __init__(self, train: SmallPictures, validation: SmallPictures) -> None:
         self.train, self.validation, self._dirt = train, validation, Dirt()
@@ -117,7 +117,7 @@ def look(net: nn.Module, small: NDArray[np.uint8], batch: int = 16) -> tuple[Arr
 
 def target(box: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Heat (rows, columns), 1 in the cell of the centre, and distances to the edges (4, rows, columns), px."""
-    rows, columns = FIND_HEIGHT // STRIDE, FIND_WIDTH // STRIDE
+    rows, columns = COARSE_HEIGHT // STRIDE, COARSE_WIDTH // STRIDE
     if not np.isfinite(box[0]):
         return np.zeros((rows, columns), np.float32), np.ones((4, rows, columns), np.float32)
     x, y = (np.arange(columns) + 0.5) * STRIDE, (np.arange(rows) + 0.5) * STRIDE

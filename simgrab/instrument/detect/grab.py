@@ -1,0 +1,296 @@
+"""The detector of a grab of any kind, of two nets: a coarse one over the whole picture, and one on crops of it.
+
+The coarse net proposes boxes in the shrunken picture. The pose net gets a crop of the whole picture around each of the
+best few, with its surroundings, and predicts whether it is the grab, its box, centre and yaw, and how sure each is. Of
+the best one it gets a closer crop too, in which a pixel of the picture is larger, and predicts the geometry again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from simgrab.errors import DetectorError, one_line
+from simgrab.instrument.detect import contract
+from simgrab.instrument.detect.boxes import about
+from simgrab.instrument.detect.patches import (
+    COARSE_HEIGHT,
+    COARSE_WIDTH,
+    POSE_CHANNELS,
+    POSE_SIZE,
+    Patch,
+    Picture,
+    around,
+    cut,
+    cut_crop,
+    whole,
+)
+from simgrab.instrument.net import Net, open_net
+from simgrab.io.resources import ASSETS
+from simgrab.io.strict import Checked, convert
+from simgrab.model.geometry import Array
+from simgrab.model.records.observations import Detection
+
+WEIGHTS = ASSETS / "weights"
+BUNDLED = "bundled"
+# Tasks that the files' metadata name.
+COARSE, POSE = "coarse-grab", "grab-pose"
+_STRIDE = 8
+_MAP = (COARSE_HEIGHT // _STRIDE, COARSE_WIDTH // _STRIDE)
+# Shapes of their outputs for each picture.
+_MAPS: Shapes = (_MAP, (4, *_MAP))
+_ROWS: Shapes = ((16,),)
+_LEAST_SIDE = 8.0  # px of the picture, of a box
+_LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
+
+Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Factor = Annotated[float, msgspec.Meta(ge=0, le=1000)]
+Room = Annotated[float, msgspec.Meta(ge=0.5, le=3)]
+Shapes = tuple[tuple[int, ...], ...]
+
+
+class Settings(Checked, frozen=True):
+    """Thresholds and sizes; a file's metadata may replace them.
+
+    Attributes
+    ----------
+    least_heat : float
+        Least heat of a candidate.
+    least_presence : float
+        Least presence at which a candidate is a grab.
+    candidates : int
+        How many candidates the pose net gets at most.
+    rivals : float
+        Share of the hottest candidate's heat from which others are candidates too.
+    room, close : float
+        Side of the pose net's crop, over the box's longer side: of the first, and of the closer one about the result.
+    """
+
+    error = DetectorError
+
+    least_heat: Share = 0.02
+    least_presence: Share = 0.5
+    candidates: Annotated[int, msgspec.Meta(ge=1, le=8)] = 3
+    rivals: Share = 0.1
+    room: Room = 2.1
+    close: Room = 1.4
+
+
+class Calibration(Checked, frozen=True):
+    """Corrections of the pose net's outputs, measured on validation frames.
+
+    Attributes
+    ----------
+    slope, offset : float
+        The presence is the logistic function of ``slope`` times the net's logit plus ``offset`` (Platt 1999).
+    box, centre, yaw : float
+        Factors of the stated standard deviations.
+    """
+
+    error = DetectorError
+
+    slope: Factor = 1.0
+    offset: Annotated[float, msgspec.Meta(ge=-50, le=50)] = 0.0
+    box: Factor = 1.0
+    centre: Factor = 1.0
+    yaw: Factor = 1.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place that may be the grab: box, shape (4,), px of the picture, and heat, 0 to 1."""
+
+    box: Array
+    heat: float
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Outputs of the pose net for n crops.
+
+    Attributes
+    ----------
+    boxes, box_sd : ndarray, shape (n, 4)
+        Edges, px of the picture, and the standard deviations of each.
+    centres, centre_sd : ndarray, shape (n, 2)
+        Centre of the grab, px of the picture.
+    yaw, yaw_sd : ndarray, shape (n,)
+        Yaw of the grab, rad, from 0 to π.
+    presence : ndarray, shape (n,)
+        Logit of the probability that the grab is there.
+    """
+
+    boxes: Array
+    centres: Array
+    box_sd: Array
+    centre_sd: Array
+    yaw: Array
+    yaw_sd: Array
+    presence: Array
+
+
+class GrabDetector:
+    """A detector of two nets of our own (`simgrab.instrument.detect.contract.Detector`).
+
+    Parameters
+    ----------
+    folder : path
+        Holds ``coarse.onnx`` and ``pose.onnx``.
+    settings : Settings, optional
+        Replace the settings in the file.
+
+    Attributes
+    ----------
+    name : str
+        Name in reports: ``"bundled"``, or the folder's.
+
+    Raises
+    ------
+    DetectorError
+        If a file is missing or is not the network of its name.
+    """
+
+    def __init__(self, folder: str | Path, settings: Settings | None = None) -> None:
+        folder = Path(folder)
+        self._coarse = _opened(folder / "coarse.onnx", COARSE, (COARSE_HEIGHT, COARSE_WIDTH, 3), _MAPS)
+        self._pose = _opened(folder / "pose.onnx", POSE, (POSE_SIZE, POSE_SIZE, POSE_CHANNELS), _ROWS)
+        path, facts = self._pose.path, self._pose.facts
+        if not settings and "settings" not in facts:
+            raise DetectorError(f"{path} has no settings in its metadata: train it again")
+        self.settings = settings or convert(facts["settings"], Settings, DetectorError, f"{path}: settings")
+        known = {} if settings else facts.get("calibration", {})
+        self.calibration = convert(known, Calibration, DetectorError, f"{path}: calibration")
+        self.name = BUNDLED if folder.resolve() == WEIGHTS.resolve() else folder.resolve().name
+
+    def __call__(self, picture: Picture) -> Detection:
+        """Detect the grab in a picture."""
+        contract.check(picture)
+        candidates = self.candidates(picture)
+        if not candidates:
+            return Detection("none", "nothing found", 0.0)
+        poses = self.poses(picture, [candidate.box for candidate in candidates], self.settings.room)
+        best = int(np.argmax(poses.presence))
+        own = self.calibration
+        presence = 1 / (1 + math.exp(-float(np.clip(own.slope * poses.presence[best] + own.offset, -_LIMIT, _LIMIT))))
+        height, width = picture.shape[:2]
+        if presence < self.settings.least_presence:
+            x0, y0, x1, y1 = candidates[best].box
+            cut_off = min(x0, y0) <= 0 or x1 >= width or y1 >= height
+            why = "what the image edge cuts is not clearly a grab" if cut_off else "it looks like something else"
+            return Detection("none", f"{why} (presence {presence:.2f})", presence)
+        near = self.poses(picture, [poses.boxes[best]], self.settings.close)
+        return Detection(
+            status="found", reason="", score=presence,
+            box=np.clip(_sound(near.boxes[0]), 0, [width, height] * 2), centre=near.centres[0],
+            yaw=float(near.yaw[0]), box_sd_px=near.box_sd[0] * own.box,
+            centre_sd_px=near.centre_sd[0] * own.centre, yaw_sd=float(near.yaw_sd[0]) * own.yaw,
+        )  # fmt: skip
+
+    def candidates(self, picture: Picture) -> list[Candidate]:
+        """Places where the coarse net sees the grab, the hottest first."""
+        patch = whole(picture.shape[1], picture.shape[0])
+        small = cut(picture, patch, COARSE_WIDTH, COARSE_HEIGHT)
+        logits, reach = _run(self._coarse, small[None], _MAPS)
+        limits = np.array([picture.shape[1], picture.shape[0]] * 2, float)
+        found = [
+            Candidate(
+                np.clip(patch.to_picture(box.reshape(2, 2) / (COARSE_WIDTH, COARSE_HEIGHT)).ravel(), 0, limits), heat
+            )
+            for box, heat in peaks(logits[0], reach[0])
+        ]
+        enough = max(self.settings.least_heat, self.settings.rivals * found[0].heat) if found else 0.0
+        return [candidate for candidate in found if candidate.heat >= enough][: self.settings.candidates]
+
+    def poses(self, picture: Picture, boxes: list[Array], room: float) -> Poses:
+        """Run the pose net on crops around n boxes, each of shape (4,), px, of ``room`` times their longer side."""
+        patches = [around(_sound(box), room) for box in boxes]
+        crops = np.stack([cut_crop(picture, patch, POSE_SIZE) for patch in patches])
+        return read(_run(self._pose, crops, _ROWS)[0], patches, picture.shape[1], picture.shape[0])
+
+
+def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:
+    """Highest cells of a heat map, none beside a higher one.
+
+    Parameters
+    ----------
+    logits : ndarray, shape (rows, columns)
+    reach : ndarray, shape (4, rows, columns)
+        From a cell's middle to the left, top, right and bottom edge, px of the small picture.
+    most : int
+
+    Returns
+    -------
+    list of (box, heat)
+        Boxes in px of the small picture; the hottest first.
+    """
+    logits, reach = _bounded(logits, -_LIMIT), np.nan_to_num(reach)
+    highest = cv2.dilate(logits, np.ones((3, 3), np.uint8))
+    rows, columns = np.nonzero(logits >= highest)
+    order = np.argsort(-logits[rows, columns], kind="stable")[:most]
+    result = []
+    for row, column in zip(rows[order], columns[order], strict=True):
+        middle = (np.array([column, row, column, row]) + 0.5) * _STRIDE
+        heat = 1 / (1 + math.exp(-float(logits[row, column])))
+        result.append((middle + reach[:, row, column].astype(float) * [-1, -1, 1, 1], heat))
+    return result
+
+
+def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: int) -> Poses:
+    """Read the pose net's output (n, 16) on patches of a picture of this size."""
+    o = _bounded(out.astype(float), 0.0)
+    o[~np.isfinite(out).all(axis=1), 15] = -_LIMIT
+    corner, extent = np.stack([p.corner for p in patches]), np.stack([p.size for p in patches])
+    places = corner[:, None] + o[:, :6].reshape(-1, 3, 2) * extent[:, None]
+    boxes = np.clip(places[:, :2], 0, [width, height])
+    sd = math.sqrt(2) * np.exp(o[:, 6:12]).reshape(-1, 3, 2) * extent[:, None]  # of a Laplace distribution
+    return Poses(
+        boxes=boxes.reshape(-1, 4), centres=places[:, 2],
+        box_sd=sd[:, :2].reshape(-1, 4), centre_sd=sd[:, 2],
+        yaw=np.arctan2(o[:, 13], o[:, 12]) / 2 % np.pi, yaw_sd=math.sqrt(2) * np.exp(o[:, 14]) / 2,
+        presence=o[:, 15],
+    )  # fmt: skip
+
+
+def _bounded(values: NDArray[Any], missing: float) -> NDArray[Any]:
+    """Bound a net's outputs, NaN replaced by ``missing``."""
+    return np.clip(np.nan_to_num(values, nan=missing, posinf=_LIMIT, neginf=-_LIMIT), -_LIMIT, _LIMIT)
+
+
+def _sound(box: Array) -> Array:
+    """Make sure that a box ends after it begins."""
+    middle, half = (box[:2] + box[2:]) / 2, np.maximum((box[2:] - box[:2]) / 2, _LEAST_SIDE / 2)
+    return about(middle, half)
+
+
+def _opened(path: Path, task: str, picture: tuple[int, ...], outputs: Shapes) -> Net:
+    net = open_net(path)
+    found: Any = net.facts.get("task")
+    shapes = [shape[1:] for shape in net.inputs.values()]
+    if found != task or shapes != [picture] or net.types != ("tensor(uint8)",) or len(net.outputs) != len(outputs):
+        raise DetectorError(f"{path} is not simgrab's {task} network (its task is {one_line(repr(found), 40)}; {net})")
+    blank = np.zeros((1, *picture), np.uint8)
+    if not all(np.isfinite(out).all() for out in _run(net, blank, outputs)):
+        raise DetectorError(f"{path} outputs NaN or infinity")
+    return net
+
+
+def _run(net: Net, pictures: Picture, outputs: Shapes) -> list[Any]:
+    """Run a net, whose outputs have these shapes for each picture.
+
+    Raises
+    ------
+    DetectorError
+        If they have others.
+    """
+    found = net(pictures)
+    if [out.shape for out in found] != [(len(pictures), *shape) for shape in outputs]:
+        shapes = ", ".join(" x ".join(map(str, out.shape)) for out in found)
+        raise DetectorError(f"{net.path} has unexpected output shapes ({one_line(shapes)})")
+    return found
