@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -138,6 +139,22 @@ def test_the_most_present_of_the_hottest_places_counts(tmp_path):
         spots = np.maximum(spots, bright(at=(u, 400)))
     assert len(looks.candidates(spots)) == looks.settings.candidates
     assert not looks(spots).found
+
+
+def test_a_grab_is_present_in_both_crops(tmp_path, monkeypatch):
+    looks, poses = detector(hand_made(tmp_path)), GrabDetector.poses
+    assert looks(bright()).found
+
+    def absent(room):
+        def doubting(self, picture, boxes, at):
+            found = poses(self, picture, boxes, at)
+            return dataclasses.replace(found, presence=found.presence - 20.0 * (at == room))
+
+        return doubting
+
+    for room in (looks.settings.room, looks.settings.close):
+        monkeypatch.setattr(GrabDetector, "poses", absent(room))
+        assert not looks(bright()).found
 
 
 def test_a_place_much_less_hot_than_the_hottest_is_no_candidate(tmp_path):

@@ -2,7 +2,8 @@
 
 The coarse net proposes boxes in the shrunken picture. The pose net gets a crop of the whole picture around each of the
 best few, with its surroundings, and predicts whether it is the grab, its box, centre and yaw, and how sure each is. Of
-the best one it gets a closer crop too, in which a pixel of the picture is larger, and predicts the geometry again.
+the best one it gets a closer crop too, in which a pixel of the picture is larger, and predicts the geometry again. The
+presence is the lesser of both crops.
 """
 
 from __future__ import annotations
@@ -89,7 +90,8 @@ class Calibration(Checked, frozen=True):
     Attributes
     ----------
     slope, offset : float
-        The presence is the logistic function of ``slope`` times the net's logit plus ``offset`` (Platt 1999).
+        The presence is the logistic function of ``slope`` times the lesser of the net's logits for both crops plus
+        ``offset`` (Platt 1999).
     box, centre, yaw : float
         Factors of the stated standard deviations.
     """
@@ -177,15 +179,15 @@ class GrabDetector:
             return Detection("none", "nothing found", 0.0)
         poses = self.poses(picture, [candidate.box for candidate in candidates], self.settings.room)
         best = int(np.argmax(poses.presence))
-        own = self.calibration
-        presence = 1 / (1 + math.exp(-float(np.clip(own.slope * poses.presence[best] + own.offset, -_LIMIT, _LIMIT))))
+        near, own = self.poses(picture, [poses.boxes[best]], self.settings.close), self.calibration
+        logit = own.slope * min(poses.presence[best], near.presence[0]) + own.offset
+        presence = 1 / (1 + math.exp(-float(np.clip(logit, -_LIMIT, _LIMIT))))
         height, width = picture.shape[:2]
         if presence < self.settings.least_presence:
             x0, y0, x1, y1 = candidates[best].box
             cut_off = min(x0, y0) <= 0 or x1 >= width or y1 >= height
             why = "what the image edge cuts is not clearly a grab" if cut_off else "it looks like something else"
             return Detection("none", f"{why} (presence {presence:.2f})", presence)
-        near = self.poses(picture, [poses.boxes[best]], self.settings.close)
         return Detection(
             status="found", reason="", score=presence,
             box=np.clip(_sound(near.boxes[0]), 0, [width, height] * 2), centre=near.centres[0],
