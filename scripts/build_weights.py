@@ -64,6 +64,7 @@ ROOMY = {
         "quay, bare", "water", "yard",
     )
 }  # fmt: skip
+NIGHT = {"weather": ("night", "night, rain", "night, light snow")}
 HALF, SMALL = (960, 540), (640, 360)
 ANY_KIND = {"dist": "one-of", "values": [["four-rope", "clamshell", "orange-peel", "assembled"]], "weights": [1]}
 # Nets learn of all frames of a set, or of none: by the worlds and kinds that none learned of, the epoch is chosen, and
@@ -73,7 +74,7 @@ NOTHING = {"splits": {"train": 0.0, "val": 1.0, "test": 0.0}}
 ONE = {"clip.clip_frames": 1}
 EMPTY = {"swing.absent": 0.98}  # a scene without any grab is refused
 # Crops of each photograph, by folder; those of backgrounds are the first three.
-NEGATIVES = {"negatives-0": range(3, 6), "negatives-1": range(6, 9)}
+NEGATIVES = {f"negatives-{i}": range(3 + 3 * i, 6 + 3 * i) for i in range(4)}
 # Kinds that cranes have in places that look real; random shapes, another one in each frame; and scenes crowded with
 # grabs of other cranes. Nets see less than half of the pixels: at half the size more frames are rendered in the same
 # time.
@@ -81,6 +82,8 @@ PLACES = (
     Source("training", "training", ALL | {"clip.clip_frames": 3}, 900, 480, 0, size=HALF),
     Source("training-2", "training", ALL | {"clip.clip_frames": 3}, 600, 120, 2, size=HALF),
     Source("training-5", "training", ALL | {"clip.clip_frames": 3}, 900, 120, 5, size=HALF),
+    # The lower edge of a grab in the dark was taken to be higher than it is.
+    Source("night", "training", ALL | {"clip.clip_frames": 3}, 900, 120, 6, NIGHT, size=HALF),
     Source("empty", "training", ALL | EMPTY | {"clip.clip_frames": 2}, 800, 120, 4, size=HALF),
     *(Source(f"shapes-{seed}", "training-shapes", ALL, 350, 120, seed, size=HALF) for seed in range(2)),
     Source("crowded", "training", ALL | CROWDED | {"swing.absent": 0.4}, 180, 120, 3, ROOMY, size=HALF),
