@@ -6,6 +6,7 @@ the same command is given again; to start over, give an empty ``--work``. Needs 
 
 from __future__ import annotations
 
+import functools
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -129,8 +130,11 @@ JUDGED = (
     *_hung(JUDGES, NOTHING, 150, 60, 91),
 )
 DETECTOR = (*PLACES, *PHOTOGRAPHS, *NEGATIVE, *HUNG, *JUDGED)
+# The second training begins with the nets of the first one, and adds these to what is learned from.
+ADDED = ("night", *list(NEGATIVES)[2:])
 
 SHOWN = {"coarse": 60_000, "pose": 340_000}
+SHOWN_AFTER = {"coarse": 12_000, "pose": 160_000}
 BATCHES = {"coarse": 32, "pose": 48}
 STEADY = 0.998  # decay of the weights' average
 
@@ -169,12 +173,13 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
 
 
 def detector(work: Path, *, quick: bool, workers: int, threads: int, device: str, loaders: int) -> list[Path]:
-    """Train the detector's nets; returns them."""
+    """Train the detector's nets, twice; returns them."""
     from simgrab.training.detector.settings import Recipes, recipes
     from simgrab.training.detector.train import NETS, train
 
-    def chosen(frames: int) -> Recipes:
-        usual = recipes(frames, quick=quick, shown=None if quick else SHOWN, threads=threads, device=device)
+    def chosen(frames: int, *, started: bool) -> Recipes:
+        shown = None if quick else SHOWN_AFTER if started else SHOWN
+        usual = recipes(frames, quick=quick, started=started, shown=shown, threads=threads, device=device)
         return Recipes(**{
             net: replace(getattr(usual, net), batch=min(size, frames), average=STEADY) for net, size in BATCHES.items()
         })  # fmt: skip
@@ -184,9 +189,19 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int, device: str
         prepare(work / folder, crops)
     hanging_shapes.prepare(work / SHAPES)
     shutil.copytree(work / BACKGROUNDS / "photographs", work / SHAPES / "photographs", dirs_exist_ok=True)
-    paths, out = rendered(DETECTOR, work, quick=quick, workers=workers), work / "detector"
-    with board(shown=True) as progress:
-        train(paths, out, chosen, resume=True, watch=progress.step, report=progress.training, loaders=loaders)
+    paths = rendered(DETECTOR, work, quick=quick, workers=workers)
+    first, out = work / "detector-1", work / "detector"
+    for folder, start, some in (
+        (first, None, [path for path in paths if not path.name.startswith(ADDED)]),
+        (out, first, paths),
+    ):
+        if (folder / LAST).exists():
+            continue
+        with board(shown=True) as progress:
+            train(
+                some, folder, functools.partial(chosen, started=start is not None), start=start, resume=True,
+                watch=progress.step, report=progress.training, loaders=loaders,
+            )  # fmt: skip
     return [out / f"{name}.onnx" for name in NETS]
 
 
