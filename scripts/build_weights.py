@@ -191,15 +191,15 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int, device: str
     shutil.copytree(work / BACKGROUNDS / "photographs", work / SHAPES / "photographs", dirs_exist_ok=True)
     paths = rendered(DETECTOR, work, quick=quick, workers=workers)
     first, out = work / "detector-1", work / "detector"
-    for folder, start, some in (
+    for into, start, some in (
         (first, None, [path for path in paths if not path.name.startswith(ADDED)]),
         (out, first, paths),
     ):
-        if (folder / LAST).exists():
+        if (into / LAST).exists():
             continue
         with board(shown=True) as progress:
             train(
-                some, folder, functools.partial(chosen, started=start is not None), start=start, resume=True,
+                some, into, functools.partial(chosen, started=start is not None), start=start, resume=True,
                 watch=progress.step, report=progress.training, loaders=loaders,
             )  # fmt: skip
     return [out / f"{name}.onnx" for name in NETS]
