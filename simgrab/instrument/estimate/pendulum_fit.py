@@ -29,6 +29,7 @@ SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the stren
 STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 WHOLE_STEPS = 6  # after which steps are halved: frequency and damping of a camera that does not move are any
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
+REST_M_S, DIG_S = 0.1, 30.0  # speed below which a hoist rests, and the longest time for which a grab digs
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ def _linearised(
             excess(residual, precisions[0], 4, LEAST_FAST, across),
             excess(residual, precisions[1], 2, LEAST_SLOW**2, across),
         )
-        free = np.maximum(1, beyond) ** -2.0
+        free = np.maximum(1, _until_hoisted(beyond, np.diff(nodes.rope) / step, step)) ** -2.0
     fast, slow = (
         linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
     )
@@ -171,6 +172,18 @@ def _linearised(
         fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9
     )
     return posterior, weight, error2, free
+
+
+def _until_hoisted(beyond: Array, rate: Array, step: Array) -> Array:
+    """Excess forces (k,), where the hoist rests the greatest of that rest: a grab that digs does so until it is hoisted.
+
+    A longer rest than digging takes keeps its forces: there the grab hangs.
+    """
+    across = max(int(WINDOW_S / np.median(step)), 1)
+    rests = np.abs(scipy.ndimage.uniform_filter1d(rate, across)) < REST_M_S
+    rest = np.cumsum(np.diff(rests, prepend=rests[0]))
+    most = scipy.ndimage.maximum(beyond, rest, np.arange(rest[-1] + 1))
+    return np.where(rests & (np.bincount(rest, step)[rest] < DIG_S), most[rest], beyond)
 
 
 def _information(weight: Array, error2: Array) -> float:
