@@ -30,7 +30,7 @@ WORLDS: dict[str, dict[str, Any]] = {
     for name, wind in (("calm", {}), ("14 m/s", WIND))
 }
 MINUTE_S = 60.0
-OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 0.3
+OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 1.0
 
 
 @click.command()

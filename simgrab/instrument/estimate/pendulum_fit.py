@@ -12,6 +12,8 @@ from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.pendulum import (
     DEGREES,
+    FREQUENCY,
+    LEVELLING,
     NODE_S,
     OFFSET,
     STATE,
@@ -29,6 +31,7 @@ SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the stren
 STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 WHOLE_STEPS = 6  # after which steps are halved: frequency and damping of a camera that does not move are any
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
+LEAST_GUSTS = 2e-4  # rad, of the slow forcing by gusts, where the controller accounts for the jib: a breeze of 4 m/s
 REST_M_S, DIG_S = 0.1, 30.0  # speed below which a hoist rests, and the longest time for which a grab digs
 
 
@@ -116,6 +119,7 @@ def fit(
             searches = 0 if still.all() else searches - 1
         best = posterior.at(strengths).minimise()
         share, close = (0.5, 1e-5) if priors.jib.moves and done > WHOLE_STEPS else (1.0, 1e-6)
+        share /= max(1.0, float(np.abs(best.parameters[[FREQUENCY, LEVELLING]]).max()))  # logarithms
         path = path + share * best.states.reshape(path.shape)
         parameters = parameters + share * best.parameters
         converged = searches == 0 and float(np.abs(best.parameters[:2]).max()) < close
@@ -169,13 +173,14 @@ def _linearised(
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
     leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
     posterior = Weighed(
-        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9
-    )
+        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9,
+        LEAST_GUSTS if priors.jib.moves else 1e-5,
+    )  # fmt: skip
     return posterior, weight, error2, free
 
 
 def _until_hoisted(beyond: Array, rate: Array, step: Array) -> Array:
-    """Excess forces (k,), where the hoist rests the greatest of that rest: a grab that digs does so until it is hoisted.
+    """Excess forces (k,); while the hoist rests, the greatest of that rest: a grab that digs does so until hoisted.
 
     A longer rest than digging takes keeps its forces: there the grab hangs.
     """
