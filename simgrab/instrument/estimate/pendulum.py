@@ -143,6 +143,15 @@ def seen_from(turn: Array, s: Array, rope: Array, offset: Array) -> Array:
     return np.asarray(local[:, :2] / -local[:, 2:])
 
 
+def looked_along(turn: Array, place: Array, rope: Array, offset: Array) -> Array:
+    """Horizontal part s (k, 2) of the direction to what is seen at a place (k, 2): inverse of `seen_from`."""
+    ray = np.einsum("...ij,...j->...i", turn, np.concatenate([place, -np.ones((len(place), 1))], axis=-1))
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    along = np.sum(ray * offset, axis=-1)
+    distance = np.sqrt(np.maximum(along**2 + rope**2 - np.sum(offset**2, axis=-1), 0)) - along
+    return np.asarray((offset + distance[:, None] * ray)[:, :2] / rope[:, None])
+
+
 def _rates(x: Array, parameters: Array, rope: Array, length: float, acceleration: Array | float) -> Array:
     s, p, a = x[:, :2], x[:, 2:4] * length**2, x[:, 4:]
     turn, nz = turning(s, p, rope)
@@ -182,7 +191,7 @@ def camera(parameters: Array, time: Array, jib: JibMotion) -> tuple[Array, Array
     level_from_jib = rotation_z(course[:, 0])
     leans = parameters[FOLLOWS] * jib.levelled(np.exp(parameters[FREQUENCY]), np.exp(parameters[LEVELLING]), time)
     leans[:, 0] += parameters[LUFFING] * course[:, 1]
-    leans += parameters[TILT]
+    leans += parameters[TILT] + course[:, 4:]
     turn = level_from_jib @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
     return turn, level_from_jib @ parameters[OFFSET]
 

@@ -11,6 +11,8 @@ from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
+from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.estimate.inertial.sensed import sensed, unfit
 from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
 from simgrab.instrument.estimate.pendulum import (
@@ -30,12 +32,14 @@ from simgrab.instrument.estimate.pendulum import (
     TILT,
     WIND,
     Nodes,
+    camera,
+    looked_along,
 )
 from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array, rotation_z
+from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimates, Intervals
 
 CUT_S = 20.0  # longer gaps are not bridged
@@ -45,6 +49,8 @@ LEAST_CLOCK_SD_S = 1e-3
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
 MOST_WIND = 0.05  # rad, of the steady lean by wind, beside what gusts tell
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
+AROUND_S = 1.0  # of a sensor's readings before the first and after the last frame
+SENSOR_CLOCK_SD_S = 0.03
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
@@ -96,6 +102,7 @@ class PendulumSmoother(PathEstimator):
     stiffness_sd: float = 0.003
     tilt_sd: float = 0.35
     controller: Controller | None = None
+    imu: ImuReadings | None = None
     longer_m: float = 0.4
     longer_sd_m: float = 0.5
 
@@ -119,10 +126,18 @@ class PendulumSmoother(PathEstimator):
             sd[LONGER], sd[WIND], sd[LUFFING] = self.longer_sd_m, MOST_WIND, PITCH_SD
             sd[CLOCK] = max(self.controller.clock_sd_s, LEAST_CLOCK_SD_S)
             sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
-        priors = PendulumPriors(mean, sd, focal_px, jib)
         start = mean.copy()
         start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
-        swing = np.einsum("nij,jn->ni", rotation_z(jib.at(frames.time)[:, 0])[:, :2, :2], rough.swing[0])
+        if self.imu is not None:
+            if reason := unfit(frames.time, self.imu):
+                return reason
+            jib = sensed(self.imu.between(frames.time[0] - AROUND_S, frames.time[-1] + AROUND_S), calibration)
+            mean[LONGER], sd[LONGER], sd[WIND], sd[CLOCK] = self.longer_m, self.longer_sd_m, MOST_WIND, SENSOR_CLOCK_SD_S
+            start = mean.copy()
+        priors = PendulumPriors(mean, sd, focal_px, jib)
+        turn, offset = camera(start, frames.time, jib)
+        assert frames.rope_length is not None
+        swing = looked_along(turn, frames.places()[1], frames.rope_length[0], offset)
         try:
             nodes, found = self._fit(frames, swing, start, priors)
         except np.linalg.LinAlgError:
@@ -171,7 +186,7 @@ class PendulumSmoother(PathEstimator):
                 "rounds": found.rounds,
                 "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
             }
-            | (_of_jib(found) if self.controller is not None else {}),
+            | (_of_jib(found) if self.controller is not None or self.imu is not None else {}),
         )
 
     def _state(self, frames: Frames, motion: EstimatedMotion) -> Estimates:
