@@ -36,10 +36,13 @@ class JibMotion:
     course : ndarray, shape (m, 6)
         Heading, rad; radius minus its mean, m; velocity of O, m/s (2); lean of the camera as far as a sensor tells, rad
         (2, jib frame).
+    drift : float
+        Random walk of the error of this lean, rad/√s per axis.
     """
 
     time: Array
     course: Array
+    drift: float = 0.0
 
     @classmethod
     def at_rest(cls) -> JibMotion:

@@ -8,6 +8,8 @@ a constant tilt, a parameter of the pendulum's model that the pictures determine
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +32,7 @@ from simgrab.model.geometry import STANDARD_GRAVITY, Array, lean, rotation_z
 ATTITUDE, VELOCITY, GYROSCOPE, ACCELEROMETER = slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 10)
 STATE = 10
 STEP_S = 0.1  # of the grid on which the motion is described
-ROUNDS = 8
+ROUNDS, CONVERGED_RAD = 12, 1e-5
 LEVELLING_S = 30.0  # in which the first guess of the attitude follows the accelerometer
 TILT_SD, HEADING_SD = 0.35, 1e-3  # rad, of the first attitude about its guess; the first heading is 0
 # Prior of the gyroscope's bias about its mean over the record and, about the vertical, about its most frequent reading,
@@ -40,8 +42,9 @@ SPEED, SPEED_S = 2.0, 10.0  # of the jib head, m/s per axis, and how long it tak
 REST_SPEED = 0.03  # m/s per axis, of a jib that stands
 SLEWING = 4e-3  # rad/s: a jib that turns faster slews
 REST_S = 0.2  # readings about the vertical are averaged over so long before their most frequent value is sought
+LEAST_DRIFT = 5e-6  # rad/√s, of the attitude
 GAP_S = 0.1  # a sensor that is silent for longer is refused
-MOST_EXCESS = 1.0  # m/s², of the mean specific force over g
+MOST_EXCESS, REST_SPAN_S = 1.0, 5.0  # m/s², of the mean specific force over g, and s, over which it is judged
 
 
 def unfit(time: Array, imu: ImuReadings) -> str:
@@ -55,13 +58,50 @@ def unfit(time: Array, imu: ImuReadings) -> str:
     silent = np.diff(inside.time)
     if silent.max() > GAP_S:
         return f"the sensor is silent for {silent.max():.2f} s at {inside.time[silent.argmax()]:.2f} s"
-    if abs(inside.excess) > MOST_EXCESS:
+    if time[-1] - time[0] > REST_SPAN_S and abs(inside.excess) > MOST_EXCESS:
         force = inside.excess + STANDARD_GRAVITY
         return f"the mean specific force is {force:.2f} m/s²; at rest it is 9.81: is the accelerometer in m/s²?"
     return ""
 
 
-def sensed(imu: ImuReadings, calibration: Calibration) -> JibMotion:
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """Motion that a sensor measured, and what its later readings need.
+
+    Attributes
+    ----------
+    motion : JibMotion
+    attitude : ndarray, shape (3, 3)
+        At the end, from the mount frame to the level frame.
+    bias, response : ndarray, shape (3,)
+        Of the gyroscope at the end, rad/s, and its response to a rate about the optical axis.
+    """
+
+    motion: JibMotion
+    attitude: Array
+    bias: Array
+    response: Array
+
+    def later(self, imu: ImuReadings, time: float, calibration: Calibration) -> Sensed:
+        """Turn the camera on to a later time, s, by the gyroscope; the velocity is not followed."""
+        nodes = np.array([self.motion.time[-1], time])
+        summed = preintegrate(nodes, imu.between(*nodes), mount_from_camera(calibration))
+        wrong = (self.bias + self.response * summed.rate[0, 2]) * (nodes[1] - nodes[0])
+        attitude = self.attitude @ summed.turn[0] @ rotation(-wrong)
+        heading, leans = course_of(np.stack([self.attitude, attitude]))
+        course = np.column_stack([heading, np.zeros((2, 3)), leans])
+        return Sensed(JibMotion(nodes, course, self.motion.drift), attitude, self.bias, self.response)
+
+
+def course_of(attitude: Array) -> tuple[Array, Array]:
+    """Heading (k,) of the jib and lean (k, 2) of the camera, which leans on the jib but does not turn there."""
+    heading = np.unwrap(np.arctan2(attitude[:, 1, 0] - attitude[:, 0, 1], attitude[:, 0, 0] + attitude[:, 1, 1]))
+    axis = -(rotation_z(heading).swapaxes(1, 2) @ attitude)[:, :, 2]
+    across = np.hypot(axis[:, 0], axis[:, 1])
+    return heading, axis[:, :2] * (np.arctan2(across, -axis[:, 2]) / np.maximum(across, 1e-12))[:, None]
+
+
+def sensed(imu: ImuReadings, calibration: Calibration) -> Sensed:
     """Smooth a sensor's readings into the motion of O and the camera's lean."""
     imu = imu.without_excess(imu.excess)
     time = np.linspace(*imu.time[[0, -1]], int(np.ceil((imu.time[-1] - imu.time[0]) / STEP_S)) + 1)
@@ -70,21 +110,19 @@ def sensed(imu: ImuReadings, calibration: Calibration) -> JibMotion:
     rest = _at_rest(imu.time, rates[:, 2])
     turning = np.abs(summed.rate[:, 2] - rest)
     resting = np.maximum(np.append(turning, 0), np.append(0, turning)) < SLEWING
-    attitude, velocity = _smoothed(summed, imu, np.array([*rates[:, :2].mean(axis=0), rest]), resting)
-    heading = np.unwrap(np.arctan2(attitude[:, 1, 0] - attitude[:, 0, 1], attitude[:, 0, 0] + attitude[:, 1, 1]))
-    level_from_jib = rotation_z(heading)
-    axis = -(level_from_jib.swapaxes(1, 2) @ attitude)[:, :, 2]
-    across = np.hypot(axis[:, 0], axis[:, 1])
-    leans = axis[:, :2] * (np.arctan2(across, -axis[:, 2]) / np.maximum(across, 1e-12))[:, None]
-    arm = level_from_jib[:, :2, :2] @ calibration.offset_m[:2]
+    attitude, state, response = _smoothed(summed, imu, np.array([*rates[:, :2].mean(axis=0), rest]), resting)
+    heading, leans = course_of(attitude)
+    drift = LEAST_DRIFT + imu.accelerometer_random_walk / STANDARD_GRAVITY
+    arm = rotation_z(heading)[:, :2, :2] @ calibration.offset_m[:2]
     of_arm = np.gradient(heading, time)[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
-    return JibMotion(time, np.column_stack([heading, np.zeros_like(heading), velocity - of_arm, leans]))
+    course = np.column_stack([heading, np.zeros_like(heading), state[:, VELOCITY] - of_arm, leans])
+    return Sensed(JibMotion(time, course, drift), attitude[-1], state[-1, GYROSCOPE], response)
 
 
 def _smoothed(
     summed: Preintegrated, imu: ImuReadings, bias: Array, resting: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Attitudes (k, 3, 3) and velocities (k, 2) of the posterior mode, by Gauss–Newton."""
+) -> tuple[Array, Array, Array]:
+    """Attitudes (k, 3, 3), states (k, 10) and response (3,) at the posterior mode, by Gauss–Newton."""
     attitude = _first(summed, bias)
     k, h = len(attitude), summed.step[:, None]
     state, response, first = np.zeros((k, STATE)), np.zeros(3), attitude[0]
@@ -128,7 +166,9 @@ def _smoothed(
         attitude = attitude @ rotation(change[:, ATTITUDE])
         state, response = state + change, response + best.parameters
         state[:, ATTITUDE] = 0
-    return attitude, state[:, VELOCITY]
+        if np.abs(change[:, ATTITUDE]).max() < CONVERGED_RAD:
+            break
+    return attitude, state, response
 
 
 def _first(summed: Preintegrated, bias: Array) -> Array:
