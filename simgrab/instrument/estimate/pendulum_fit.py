@@ -29,6 +29,7 @@ from simgrab.model.geometry import Array
 SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
 STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 WHOLE_STEPS = 6  # after which steps are halved: frequency and damping of a camera that does not move are any
+LEAST_SENSED = 3e-5  # m²/s³, of white acceleration beside what a sensor reports: no grab is a better pendulum
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: the tilt takes it up
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 
@@ -184,7 +185,15 @@ def _linearised(
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
     leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
     posterior = Weighed(
-        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9
+        fixed,
+        fast,
+        places,
+        slow,
+        int(joined.sum()),
+        int(nodes.seen.sum()),
+        leans,
+        priors.focal_px,
+        LEAST_SENSED if priors.jib.drift else 1e-9,
     )
     return posterior, weight, error2, free
 

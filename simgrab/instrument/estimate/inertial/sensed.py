@@ -104,7 +104,8 @@ def course_of(attitude: Array) -> tuple[Array, Array]:
 def sensed(imu: ImuReadings, calibration: Calibration) -> Sensed:
     """Smooth a sensor's readings into the motion of O and the camera's lean."""
     imu = imu.without_excess(imu.excess)
-    time = np.linspace(*imu.time[[0, -1]], int(np.ceil((imu.time[-1] - imu.time[0]) / STEP_S)) + 1)
+    first, last = imu.time[[0, -1]]
+    time = np.linspace(first, last, int(np.ceil((last - first) / STEP_S)) + 1)
     turn = mount_from_camera(calibration)
     summed, rates = preintegrate(time, imu, turn), imu.rate @ (turn @ imu.camera_from_sensor).T
     rest = _at_rest(imu.time, rates[:, 2])
