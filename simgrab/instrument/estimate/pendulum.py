@@ -39,8 +39,10 @@ TILT, OFFSET, DAMPING, STIFFNESS = slice(0, 2), slice(2, 5), 5, 6
 # clock minus the pictures' (s), and of the camera the share of apparent gravity that it follows, logarithms of its
 # frequency (rad/s) and of its damping ratio, and its pitch by luffing (rad/m).
 LONGER, WIND, CLOCK, FOLLOWS, FREQUENCY, LEVELLING, LUFFING = 7, slice(8, 10), 10, 11, 12, 13, 14
-PARAMETERS = 16
-REACH = 15  # with an inertial sensor, the lever minus the rope's length (m)
+# With an inertial sensor, the lever minus the rope's length (m), and of the sensor's lean (row by row) the scale error
+# and misalignment, by which a change of lean is measured wrongly.
+REACH, SCALE = 15, slice(16, 20)
+PARAMETERS = 20
 STATE = 6  # numbers of a state; 8 where a sensor's error of the camera's lean drifts (rad, jib frame)
 
 
@@ -171,7 +173,7 @@ def advance(x: Array, parameters: Array, links: Links, acceleration: Array | flo
     Parameters
     ----------
     x : ndarray, shape (k, d)
-    parameters : ndarray, shape (16,)
+    parameters : ndarray, shape (20,)
     links : Links
     acceleration : ndarray, shape (k, 2), or float
         Of O, m/s².
@@ -191,12 +193,24 @@ def advance(x: Array, parameters: Array, links: Links, acceleration: Array | flo
     return np.asarray(result)
 
 
+def sensed_lean(parameters: Array, course: Array) -> Array:
+    """Lean (k, 2) of the camera that a sensor told in a course (k, 6), without the error of its scale."""
+    return np.asarray(course[:, 4:] @ (np.eye(2) + parameters[SCALE].reshape(2, 2)).T)
+
+
+def of_tilt(lean: Array) -> Array:
+    """Derivative (2, 20) by the parameters of the camera's lean where a sensor told a lean (2,)."""
+    by = np.zeros((2, PARAMETERS))
+    by[:, TILT], by[:, SCALE] = np.eye(2), np.kron(np.eye(2), lean)
+    return by
+
+
 def camera(parameters: Array, time: Array, jib: JibMotion, drift: Array | float = 0.0) -> tuple[Array, Array]:
     """Rotation (k, 3, 3) from the mount frame to the level frame, and the camera's offset (k, 3) in the latter."""
     time = time + parameters[CLOCK]
     course = jib.at(time)
     level_from_jib = rotation_z(course[:, 0])
-    leans = course[:, 4:] + parameters[TILT] + drift
+    leans = sensed_lean(parameters, course) + parameters[TILT] + drift
     if not jib.drift:
         leans += parameters[FOLLOWS] * jib.levelled(np.exp(parameters[FREQUENCY]), np.exp(parameters[LEVELLING]), time)
         leans[:, 0] += parameters[LUFFING] * course[:, 1]
@@ -207,7 +221,7 @@ def camera(parameters: Array, time: Array, jib: JibMotion, drift: Array | float 
 def derivatives_of_advance(
     x: Array, parameters: Array, links: Links, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
-    """States (k − 1, d) after the steps between times (k,), and derivatives by state (…, d) and parameters (…, 16)."""
+    """States (k − 1, d) after the steps between times (k,), and derivatives by state (…, d) and parameters (…, 20)."""
 
     def led(e: Array) -> Array:
         p = parameters + e
@@ -223,7 +237,7 @@ def derivatives_of_advance(
 def derivatives_of_place(
     x: Array, parameters: Array, rope: Array, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
-    """Places (k, 2), and their derivatives by the state (k, 2, d) and the parameters (k, 2, 16)."""
+    """Places (k, 2), and their derivatives by the state (k, 2, d) and the parameters (k, 2, 20)."""
     turn, offset = camera(parameters, time, jib, x[:, 6:] if jib.drift else 0.0)
 
     def seen(e: Array, drift: Array | float = 0.0) -> Array:
@@ -234,6 +248,6 @@ def derivatives_of_place(
     by_state = jacobian(lambda e: seen_from(turn, (x + e)[:, :2], rope, offset), size, (0, 1))
     if jib.drift:
         by_state += jacobian(lambda e: seen(still, e[6:]), size, (6, 7))
-    of_jib = range(CLOCK, CLOCK + 1 if jib.drift else REACH) if jib.moves else ()
+    of_jib = (CLOCK, *range(SCALE.start, SCALE.stop)) if jib.drift else range(CLOCK, REACH) if jib.moves else ()
     by_parameter = jacobian(seen, PARAMETERS, (*range(OFFSET.stop), *of_jib))
     return seen_from(turn, x[:, :2], rope, offset), by_state, by_parameter

@@ -46,7 +46,7 @@ class PendulumPriors:
 
     Attributes
     ----------
-    mean, sd : ndarray, shape (16,)
+    mean, sd : ndarray, shape (20,)
     focal_px : float
     jib : JibMotion
     """
@@ -69,7 +69,7 @@ class PendulumPriors:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """A path (k, d), static parameters (16,), strengths (3,), weights of pixels (k,) and steps (k − 1,)."""
+    """A path (k, d), static parameters (20,), strengths (3,), weights of pixels (k,) and steps (k − 1,)."""
 
     path: Array
     parameters: Array
@@ -105,7 +105,7 @@ def fit(
     ----------
     nodes : Nodes
     path : ndarray, shape (k, d)
-    parameters : ndarray, shape (16,)
+    parameters : ndarray, shape (20,)
     strengths : ndarray, shape (3,)
     priors : PendulumPriors
     searches : int

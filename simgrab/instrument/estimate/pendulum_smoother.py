@@ -28,6 +28,7 @@ from simgrab.instrument.estimate.pendulum import (
     OFFSET,
     PARAMETERS,
     REACH,
+    SCALE,
     STATE,
     STIFFNESS,
     THIN_S,
@@ -36,6 +37,8 @@ from simgrab.instrument.estimate.pendulum import (
     Nodes,
     camera,
     looked_along,
+    of_tilt,
+    sensed_lean,
 )
 from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import RopeAware
@@ -54,6 +57,7 @@ MOST_WIND = 0.05  # rad, of the steady lean by wind, beside what gusts tell
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
 AROUND_S = 1.0  # of a sensor's readings before the first and after the last frame
 SENSOR_CLOCK_SD_S = 0.03
+SENSOR_SCALE_SD = 0.01  # of scale and misalignment: cheap sensors have 1 %, and 0.4° (docs/sensors.md)
 REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
@@ -156,7 +160,7 @@ class PendulumSmoother(PathEstimator):
             if reason := unfit(frames.time, imu):
                 return reason
             motion = sensed(imu.between(frames.time[0] - AROUND_S, frames.time[-1] + AROUND_S), calibration)
-            jib, sd[CLOCK], sd[REACH] = motion.motion, SENSOR_CLOCK_SD_S, REACH_SD_M
+            jib, sd[CLOCK], sd[REACH], sd[SCALE] = motion.motion, SENSOR_CLOCK_SD_S, REACH_SD_M, SENSOR_SCALE_SD
         elif self.controller is not None:
             (begin, end), (first, last) = self.controller.time[[0, -1]], frames.time[[0, -1]]
             if begin > first + SILENT_S or end < last - SILENT_S:
@@ -203,9 +207,15 @@ class PendulumSmoother(PathEstimator):
 
     def _found(self, solved: Solved, focal_px: float) -> EstimatedMotion:
         nodes, found, jib = solved.nodes, solved.fit, solved.jib
-        tilt, minimum = found.parameters[TILT] + jib.at(nodes.time)[:, 4:].mean(axis=0), found.minimum
-        along, across = iv.split(minimum.covariance[TILT, TILT], tilt)
+        leans, minimum = sensed_lean(found.parameters, jib.at(nodes.time)), found.minimum
+        tilt = found.parameters[TILT] + leans.mean(axis=0)
+        by_lean = of_tilt(jib.at(nodes.time)[:, 4:].mean(axis=0))
+        along, across = iv.split(by_lean @ minimum.covariance @ by_lean.T, tilt)
         s = found.path[nodes.frame, :2]
+        covariance = state_covariances(minimum, found.path.shape[1])[nodes.frame, :2, :2]
+        if solved.sensed is not None:
+            of_lean = np.interp(nodes.time[nodes.frame], jib.time, solved.sensed.variance)
+            covariance = covariance + of_lean[:, None, None] * np.eye(2)
         gain = minimum.gain.reshape(-1, found.path.shape[1], len(found.parameters))[nodes.frame, :2]
         # σ² = mean α² follows the parameters p by −2 mean sᵀ ∂s/∂p.
         slope = 2 * np.mean(np.einsum("ni,nij->nj", s, gain), axis=0)
@@ -214,7 +224,7 @@ class PendulumSmoother(PathEstimator):
             azimuth=float(np.arctan2(tilt[1], tilt[0]) % (2 * np.pi)),
             tilt_variance=(along, across),
             swing=s,
-            covariance=state_covariances(minimum, found.path.shape[1])[nodes.frame, :2, :2],
+            covariance=covariance,
             sigma2_variance=float(slope @ minimum.covariance @ slope),
             sigma_across=float(across),
             offset=found.parameters[OFFSET],

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.estimate.chain import linear, prior
+from simgrab.instrument.estimate.chain import linear, prior, state_covariances
 from simgrab.instrument.estimate.frames import mount_from_camera
 from simgrab.instrument.estimate.inertial.preintegration import (
     Preintegrated,
@@ -71,6 +71,9 @@ class Sensed:
     Attributes
     ----------
     motion : JibMotion
+    variance : ndarray, shape (m,)
+        Of the lean per axis, rad², by what turns the camera and the measured acceleration of O together: no picture
+        shows that. What the accelerometer's bias adds is the motion's drift.
     attitude : ndarray, shape (3, 3)
         At the end, from the mount frame to the level frame.
     bias, response : ndarray, shape (3,)
@@ -78,6 +81,7 @@ class Sensed:
     """
 
     motion: JibMotion
+    variance: Array
     attitude: Array
     bias: Array
     response: Array
@@ -90,7 +94,8 @@ class Sensed:
         attitude = self.attitude @ summed.turn[0] @ rotation(-wrong)
         heading, leans = course_of(np.stack([self.attitude, attitude]))
         course = np.column_stack([heading, np.zeros((2, 3)), leans])
-        return Sensed(JibMotion(nodes, course, self.motion.drift), attitude, self.bias, self.response)
+        motion = JibMotion(nodes, course, self.motion.drift)
+        return Sensed(motion, self.variance[[-1, -1]], attitude, self.bias, self.response)
 
 
 def course_of(attitude: Array) -> tuple[Array, Array]:
@@ -111,19 +116,19 @@ def sensed(imu: ImuReadings, calibration: Calibration) -> Sensed:
     rest = _at_rest(imu.time, rates[:, 2])
     turning = np.abs(summed.rate[:, 2] - rest)
     resting = np.maximum(np.append(turning, 0), np.append(0, turning)) < SLEWING
-    attitude, state, response = _smoothed(summed, imu, np.array([*rates[:, :2].mean(axis=0), rest]), resting)
+    attitude, state, response, variance = _smoothed(summed, imu, np.array([*rates[:, :2].mean(axis=0), rest]), resting)
     heading, leans = course_of(attitude)
     drift = LEAST_DRIFT + imu.accelerometer_random_walk / STANDARD_GRAVITY
     arm = rotation_z(heading)[:, :2, :2] @ calibration.offset_m[:2]
     of_arm = np.gradient(heading, time)[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
     course = np.column_stack([heading, np.zeros_like(heading), state[:, VELOCITY] - of_arm, leans])
-    return Sensed(JibMotion(time, course, drift), attitude[-1], state[-1, GYROSCOPE], response)
+    return Sensed(JibMotion(time, course, drift), variance, attitude[-1], state[-1, GYROSCOPE], response)
 
 
 def _smoothed(
     summed: Preintegrated, imu: ImuReadings, bias: Array, resting: NDArray[np.bool_]
-) -> tuple[Array, Array, Array]:
-    """Attitudes (k, 3, 3), states (k, 10) and response (3,) at the posterior mode, by Gauss–Newton."""
+) -> tuple[Array, Array, Array, Array]:
+    """Attitudes (k, 3, 3), states (k, 10) and response (3,) at the posterior mode, by Gauss–Newton; see `Sensed.variance`."""
     attitude = _first(summed, bias)
     k, h = len(attitude), summed.step[:, None]
     state, response, first = np.zeros((k, STATE)), np.zeros(3), attitude[0]
@@ -169,7 +174,12 @@ def _smoothed(
         state[:, ATTITUDE] = 0
         if np.abs(change[:, ATTITUDE]).max() < CONVERGED_RAD:
             break
-    return attitude, state, response
+    # Error of the horizontal acceleration over g: the lean's, turned by 90°, and the accelerometer's bias.
+    apparent = np.zeros((k, 2, STATE))
+    apparent[:, 0, ATTITUDE], apparent[:, 1, ATTITUDE] = attitude[:, 1], -attitude[:, 0]
+    apparent[:, :, ACCELEROMETER] = -attitude[:, :2, :2] / STANDARD_GRAVITY
+    variance = np.einsum("nai,nij,naj->n", apparent, state_covariances(best, STATE), apparent) / 2
+    return attitude, state, response, variance
 
 
 def _first(summed: Preintegrated, bias: Array) -> Array:
