@@ -199,7 +199,7 @@ def sensed_lean(parameters: Array, course: Array) -> Array:
 
 
 def of_tilt(lean: Array) -> Array:
-    """Derivative (2, 20) by the parameters of the camera's lean where a sensor told a lean (2,)."""
+    """Differentiate by the parameters, (2, 20), the camera's lean where a sensor told a lean (2,)."""
     by = np.zeros((2, PARAMETERS))
     by[:, TILT], by[:, SCALE] = np.eye(2), np.kron(np.eye(2), lean)
     return by

@@ -16,7 +16,7 @@ from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import groups
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.estimate.inertial.sensed import Sensed, sensed, unfit
-from simgrab.instrument.estimate.pendulum import CLOCK, TILT, camera, looked_along
+from simgrab.instrument.estimate.pendulum import CLOCK, SCALE, TILT, camera, looked_along, of_tilt
 from simgrab.instrument.estimate.pendulum_smoother import PendulumSmoother
 from simgrab.instrument.estimate.strengths import NOISE
 from simgrab.model.calibration import Calibration
@@ -24,20 +24,27 @@ from simgrab.model.geometry import Array
 
 WARM_UP_S, AGAIN_S, MOST_S = 60.0, 10.0, 180.0  # how much is fitted first, how soon again, and at most
 FITS = 12  # every so many times the tilt is fitted too
-LEAN_SD = 1.5e-3  # rad, of what the sensor reports of the camera's lean since the last fit
+LOST_S, LEAST_AGREE = 20.0, 0.1  # share of the pixels that moves as a grab can; if it is less, they show none
+MOST_FORCE = 20.0  # m/s², that ropes and cargo give a grab
+PAUSE_S = 60.0  # between frames, after which a run begins anew
+LEAN_SD = 1.5e-3  # rad, chosen, of what the sensor reports of the camera's lean since the last fit
 NOTHING = np.nan, (np.nan, np.nan)
 Kept = tuple[float, tuple[float, float], float]
 
 
 @dataclass(frozen=True, eq=False)
 class _Tilt:
-    """Parameters of a fit, the lean's drift (2,) and its covariance (2, 2), the pixels' noise, and its first frame."""
+    """Parameters of a fit, the lean's drift (2,), the pixels' noise, and the times of the first and the last frame.
+
+    ``covariance`` (8, 8) is that of tilt, scale, and drift.
+    """
 
     parameters: Array
     drift: Array
     covariance: Array
     noise: float
     first: float
+    last: float
 
 
 @dataclass(eq=False)
@@ -66,6 +73,9 @@ class InertialTracker:
     _now: tuple[Sensed, _Tilt] | None = field(init=False, default=None)
     _next: Future[tuple[Sensed, _Tilt] | str] | None = field(init=False, default=None)
     _due: float = field(init=False, default=np.nan)
+    _last: float = field(init=False, default=np.nan)
+    _places: list[tuple[float, Array]] = field(init=False, default_factory=list)
+    _agree: list[tuple[float, bool]] = field(init=False, default_factory=list)
     _jobs: int = field(init=False, default=0)
     _refused: str = field(init=False, default="")
     _thread: ThreadPoolExecutor = field(init=False, default_factory=lambda: ThreadPoolExecutor(1))
@@ -95,9 +105,13 @@ class InertialTracker:
             Ends of its 95 % interval.
         """
         imu = self._imu
-        before = self._kept[-1][0] if self._kept else time
-        if reason := unfit(np.array([before, time]), imu):
+        before, self._last = time if np.isnan(self._last) else self._last, time
+        if time - before > PAUSE_S:
+            self._begin_anew(f"no frame for {time - before:.1f} s; at most {PAUSE_S:g} s")
+        elif reason := unfit(np.array([before, time]), imu):
             self._begin_anew(reason)
+        elif self._lost(time):
+            self._begin_anew(f"for {LOST_S:.0f} s hardly a pixel agreed with the sensor")
         usable = pixel is not None and np.isfinite(rope)
         if pixel is not None and usable:
             self._kept.append((time, pixel, rope))
@@ -115,6 +129,7 @@ class InertialTracker:
 
     def _begin_anew(self, reason: str) -> None:
         self._refused, self._now, self._next, self._kept, self._due, self._jobs = reason, None, None, [], np.nan, 0
+        self._places, self._agree = [], []
 
     def _exchange(self, time: float) -> None:
         """Take over what the thread found, and give it the record so far."""
@@ -127,7 +142,7 @@ class InertialTracker:
         if len(self._kept) < self.smoother.parameters:
             return
         self._jobs += 1
-        self._next = self._thread.submit(self._job, list(self._kept), tilt)
+        self._next = self._thread.submit(self._job, list(self._kept), tilt, time)
         if self._now is None:  # there is no swing without it
             self._take()
 
@@ -140,10 +155,10 @@ class InertialTracker:
         else:
             self._now = found
 
-    def _job(self, kept: list[Kept], tilt: _Tilt | None) -> tuple[Sensed, _Tilt] | str:
+    def _job(self, kept: list[Kept], tilt: _Tilt | None, now: float) -> tuple[Sensed, _Tilt] | str:
         """Smooth the readings of a record, and fit it if there is no tilt."""
         time, pixels, rope = (np.array(column) for column in zip(*kept, strict=True))
-        imu = self._imu.between(time[0], time[-1])
+        imu = self._imu.between(time[0], now)
         if tilt is not None:
             return sensed(imu, self.calibration), tilt
         (frames,) = groups(pixels[None], rope[None], time, self.calibration)
@@ -156,10 +171,11 @@ class InertialTracker:
         parameters[CLOCK] = 0.0
         last = state_covariances(fit.minimum, size)[-1, 6:, 6:]
         gain = fit.minimum.gain.reshape(-1, size, len(parameters))[-1, 6:]
-        crossed = -gain @ fit.minimum.covariance[:, TILT]
-        covariance = fit.minimum.covariance[TILT, TILT] + last + crossed + crossed.T
+        both, some = fit.minimum.covariance, np.r_[TILT, SCALE]
+        crossed = -gain @ both[:, some]
+        covariance = np.block([[both[np.ix_(some, some)], crossed.T], [crossed, last]])
         return solved.sensed, _Tilt(
-            parameters, fit.path[-1, 6:], covariance, float(np.exp(fit.strengths[NOISE])), float(time[0])
+            parameters, fit.path[-1, 6:], covariance, float(np.exp(fit.strengths[NOISE])), *time[[0, -1]].tolist()
         )
 
     def _swing(self, time: float, pixel: tuple[float, float], rope: float) -> tuple[float, tuple[float, float]]:
@@ -172,9 +188,30 @@ class InertialTracker:
         turn, offset = camera(tilt.parameters, np.array([time]), motion.motion, tilt.drift)
         (self.direction,) = looked_along(turn, frames.places()[1], np.array([rope]), offset)
         sine = float(np.hypot(*self.direction))
-        along, across = iv.split(tilt.covariance + np.eye(2) * (tilt.noise**2 + LEAN_SD**2), self.direction)
+        self._compare(time, rope * self.direction, rope * tilt.noise)
+        by = np.hstack([of_tilt(motion.motion.at(np.array([time]))[0, 4:])[:, np.r_[TILT, SCALE]], np.eye(2)])
+        since = max(time - tilt.last, 0.0) * motion.motion.drift**2
+        own = np.eye(2) * (tilt.noise**2 + LEAN_SD**2 + since)
+        along, across = iv.split(by @ tilt.covariance @ by.T + own, self.direction)
         along = along + (sine * self.calibration.offset_sd_m / rope) ** 2
         alpha = float(np.arcsin(min(sine, 1.0)))
         quantile = iv.student(self.smoother.intervals.level, np.inf)
         low, high = iv.radial(np.array(alpha), along, across, quantile)
         return alpha, (float(low), float(high))
+
+    def _compare(self, time: float, place: Array, noise: float) -> None:
+        """Note whether a grab can have moved by way of the last three places (2,), m, which pixels err by a noise."""
+        self._places = [*self._places[-2:], (time, place)]
+        if len(self._places) == 3:
+            times, places = (np.array(column) for column in zip(*self._places, strict=True))
+            step = np.diff(times)
+            turn = np.hypot(*np.diff(np.diff(places, axis=0) / step[:, None], axis=0)[0])
+            agrees = turn < MOST_FORCE * step.mean() + 4 * noise * np.sum(1 / step)
+            self._agree.append((time, bool(agrees)))
+
+    def _lost(self, time: float) -> bool:
+        """Whether hardly a pixel of the last `LOST_S` moved as a grab can."""
+        if not self._agree or self._agree[0][0] > time - LOST_S:
+            return False
+        self._agree = [one for one in self._agree if one[0] > time - LOST_S - 1]
+        return bool(self._agree) and float(np.mean([agrees for _, agrees in self._agree])) < LEAST_AGREE

@@ -128,7 +128,7 @@ def sensed(imu: ImuReadings, calibration: Calibration) -> Sensed:
 def _smoothed(
     summed: Preintegrated, imu: ImuReadings, bias: Array, resting: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array, Array]:
-    """Attitudes (k, 3, 3), states (k, 10) and response (3,) at the posterior mode, by Gauss–Newton; see `Sensed.variance`."""
+    """Attitudes (k, 3, 3), states (k, 10), response (3,), and variance (k,) of the lean, at the posterior mode."""
     attitude = _first(summed, bias)
     k, h = len(attitude), summed.step[:, None]
     state, response, first = np.zeros((k, STATE)), np.zeros(3), attitude[0]
