@@ -1,5 +1,6 @@
 """Sources of frames: what they give, what they make of what is lost, and how they end on what is none."""
 
+import gc
 import os
 import socket
 import sys
@@ -342,6 +343,18 @@ def test_what_is_no_source(tmp_path):
             open_source(tmp_path / name)
     with pytest.raises(SourceError, match="127"):
         open_source("tcp://127.0.0.1:9")
+
+
+def test_decoded_frames_are_released_at_once(tmp_path):
+    source = iter(open_source(film(tmp_path / "a.ts", even(40))))
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(35):
+            next(source)
+        assert sum(isinstance(o, av.VideoFrame) for o in gc.get_objects()) < 10
+    finally:
+        gc.enable()
 
 
 def test_what_cannot_be_a_source_is_named(tmp_path, monkeypatch):
