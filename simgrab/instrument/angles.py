@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
 from simgrab.instrument.forecast import Forecast, Forecaster, forecast, joined
@@ -93,21 +94,22 @@ def by_estimate(record: RecordArrays, estimator: Estimator, estimate: Estimate) 
     return alpha, ends
 
 
-def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array]:
-    """Swing (n,) and its intervals (n, 2) under a known tilt."""
+def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array, Array]:
+    """Swing (n,), its intervals (n, 2) and the horizontal part (n, 2) of the direction OA under a known tilt."""
     some = record.usable(rope=tilt.offset_m is not None)
-    alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
+    alpha, ends, direction = np.full(len(some), np.nan), *np.full((2, len(some), 2), np.nan)
     if some.any():
-        alpha[some], ends[some] = follow(
+        alpha[some], ends[some], direction[some] = follow(
             tilt, record.pixels[some], calibration,
             rope_length=None if tilt.offset_m is None else record.rope.length[some], pixel_sd=record.pixel_sd[some],
         )  # fmt: skip
-    return alpha, ends
+    return alpha, ends, direction
 
 
 def forecasts(
-    forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float
-) -> Forecast | None:
+    forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float,
+    controller: Controller | None = None,
+) -> Forecast | None:  # fmt: skip
     """Forecast from each frame and those before it; None for independent frames.
 
     Parameters
@@ -122,13 +124,15 @@ def forecasts(
     ends : ndarray, shape (n, 2)
         Its intervals.
     focal_px : float
+    controller : Controller, optional
+        Of its readings those up to each frame are used.
     """
     if record.time is None or not len(alpha):
         return None
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
     sd = np.where(record.pixel_sd > 0, record.pixel_sd, UNSTATED_PX) / focal_px
     rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], strict=True)
-    states = [forecaster.step(*row) for row in rows]
+    states = [forecaster.step(*row, None if controller is None else controller.motion(row[0])) for row in rows]
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])
     parts = [slice(i, i + AT_ONCE) for i in range(0, len(states), AT_ONCE)]
     return joined([forecast(joined(states[part]), np.nan_to_num(tilt_sd[part])) for part in parts])

@@ -26,7 +26,7 @@ FIXED[pendulum.DAMPING] = 0.005
 FAST = 2e-3  # m²/s³, white acceleration: gusts
 SLOW = 0.03  # rad, forcing that lasts: a jib head that speeds up at 0.3 m/s²
 TURNING = 0.05  # rad/s, standard deviation of a turning rate that nobody reports: 0.5 rpm
-REPORTED = 0.25  # share of both that is left where a controller reports the jib's motion
+REPORTED = 0.25  # share of both that is left while a controller reports the jib's motion
 RATE = 0.2  # rad/s, standard deviation of the swing's rate at first
 HOIST_S = 0.7  # over which the hoist's speed is averaged
 UNSEEN = 1e6  # variance of a place that was not seen
@@ -87,14 +87,21 @@ class Forecaster:
 
     The axes are those of the jib and turn with it. Slow forcing stands for wind and for unknown acceleration of the jib
     head.
+
+    Attributes
+    ----------
+    state : State
+    error : ndarray, shape (k, 2)
+        Last place seen less the one expected, rad; 0 where nothing was seen.
+    error_sd : ndarray, shape (k,)
+        Its expected standard deviation per axis.
     """
 
     def __init__(self, records: int = 1) -> None:
-        self.state, self._time = State.before(records), -np.inf
+        self.state, self._time, self._informed = State.before(records), -np.inf, False
+        self.error, self.error_sd = np.zeros((records, 2)), np.full(records, np.inf)
 
-    def step(
-        self, time: float, swing: Array, sd: Array | float, rope: Array, reported: Array | None = None
-    ) -> State:  # fmt: skip
+    def step(self, time: float, swing: Array, sd: Array | float, rope: Array, reported: Array | None = None) -> State:
         """Process a frame.
 
         Parameters
@@ -109,7 +116,7 @@ class Forecaster:
             |OA|, m; NaN where it is not known.
         reported : ndarray, shape (k, 3), optional
             What the crane's controller reports: acceleration of O, jib frame, m/s², and slewing rate,
-            counter-clockwise, rad/s.
+            counter-clockwise, rad/s. Without it the motion goes on as last reported, and becomes uncertain.
 
         Returns
         -------
@@ -121,16 +128,21 @@ class Forecaster:
         rope = np.where(np.isfinite(rope), rope, last.rope)
         seen = np.isfinite(swing).all(axis=-1) & np.isfinite(rope)
         first = np.isnan(last.rope)
-        forced = last.reported
+        mean, covariance, hoist = last.mean.copy(), last.covariance, last.hoist
+        forced = np.zeros_like(last.reported)
         if reported is not None:
             forced = np.column_stack([-reported[:, :2] / GRAVITY, reported[:, 2]])
-        mean, covariance, hoist = last.mean, last.covariance, last.hoist
+        informed = reported is not None
+        if informed != self._informed:  # what was unknown is reported now, or no longer
+            mean[:, 4:] += last.reported - forced
+        self._informed = informed
         if not first.all():
             before, after = (np.where(first, LENGTH, r) for r in (last.rope, rope))
             hoist = hoist + (1 - np.exp(-seconds / HOIST_S)) * ((after - before) / seconds - hoist)
             mean, covariance = _predicted(
-                mean, covariance, forced, np.linspace(before, after, _parts(seconds)), seconds
-            )
+                mean, covariance, forced, REPORTED if informed else 1.0,
+                np.linspace(before, after, _parts(seconds)), seconds,
+            )  # fmt: skip
         mean[first], hoist[first] = 0, 0
         of_p = RATE * (np.where(seen, rope, 0.0) / LENGTH) ** 2
         one = np.ones_like(of_p)
@@ -138,7 +150,9 @@ class Forecaster:
         covariance[first] = (sds[:, None] * sds[..., None] * np.eye(STATE))[first]
         error = np.where(seen[:, None], swing - mean[:, :2], 0)
         noise = np.where(seen, np.square(sd), UNSEEN)[:, None, None] * np.eye(2)
-        solved = np.linalg.solve(covariance[:, :2, :2] + noise, error[..., None])[..., 0]
+        expected = covariance[:, :2, :2] + noise
+        self.error, self.error_sd = error, np.sqrt(expected.trace(axis1=1, axis2=2) / 2)
+        solved = np.linalg.solve(expected, error[..., None])[..., 0]
         noise = noise * ((DEGREES + np.vecdot(error, solved)) / (DEGREES + 2))[:, None, None]
         change, covariance = update(covariance, np.eye(2, STATE), error, noise)
         self._time, self.state = (
@@ -207,11 +221,12 @@ def _repeated(links: Links, times: int) -> Links:
     return Links(step, before, after, links.length)
 
 
-def _predicted(mean: Array, covariance: Array, forced: Array, ropes: Array, seconds: float) -> tuple[Array, Array]:
+def _predicted(
+    mean: Array, covariance: Array, forced: Array, unknown: float, ropes: Array, seconds: float
+) -> tuple[Array, Array]:
     """Mean and covariance after the steps between rope lengths (parts + 1, k)."""
     h = np.full(ropes.shape[1], seconds / (len(ropes) - 1))
     changes = np.concatenate([np.zeros((1, STATE)), 1e-6 * np.eye(STATE), -1e-6 * np.eye(STATE)])
-    unknown = REPORTED if forced.any() else 1.0
     for before, after in itertools.pairwise(ropes):
         links = Links(h, before, after, LENGTH)
         x = mean.copy()

@@ -1,0 +1,151 @@
+"""What goes wrong during a live run, found frame by frame."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+
+from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.controller import Controller
+from simgrab.instrument.forecast import Forecaster
+from simgrab.model.geometry import Array
+
+if TYPE_CHECKING:
+    from simgrab.instrument.controller_feed import ControllerFeed
+
+SILENT_S = 30.0  # without an angle
+STOPPED_S = 10.0  # without a reading of the controller
+KNOCK, KNOCK_SD = np.radians(0.7), 6.0  # least jump of a direction, and of it over its standard deviation
+STAYS_S, STAYS = 2.0, 0.8  # how long it must stay, and in which share of the frames
+EXPOSURE = 2.0  # ratio of the pictures' mean levels
+SETTLED_S = 5.0  # over which levels are averaged
+BLACK, EVERY = 4.0, 16  # level that is added, so that noise in the dark is no change; pixels between those averaged
+_SILENT = {"lost": "picture", "missed": "grab", "unread": "rope", "refused": "angle"}
+
+
+class Fault(msgspec.Struct, frozen=True):
+    """Something that went wrong, or is well again.
+
+    Attributes
+    ----------
+    time_s : float
+        Of the frame in which it was found.
+    kind : str
+        ``"picture"``, ``"grab"``, ``"rope"`` or ``"angle"``: none for half a minute, or again; ``"source"``: a stream
+        was connected again, or its time stamps jumped; ``"exposure"``; ``"camera"``: its tilt changed at once;
+        ``"controller"``: its readings stopped, came back, or their clock jumped.
+    text : str
+    """
+
+    time_s: float
+    kind: str
+    text: str
+
+
+class FaultWatch:
+    """Finds faults; `found` returns those since it was called last.
+
+    Attributes
+    ----------
+    since : float
+        When the direction OA jumped last, s.
+    """
+
+    def __init__(self) -> None:
+        self._found: list[tuple[str, str]] = []
+        self._usual: list[str] | None = None  # notes of the first picture
+        self._last_ok: float | None = None
+        self._silent, self._stopped = "", False
+        self._begun: float | None = None
+        self._time = self._level = self._settled = np.nan
+        self._alone: Forecaster | None = None  # without the frames since a jump
+        self._shifts: list[Array] = []
+        self.since = 0.0
+
+    def found(self, time_s: float) -> tuple[Fault, ...]:
+        """Return new faults."""
+        faults = tuple(Fault(time_s, kind, text) for kind, text in self._found)
+        self._found.clear()
+        return faults
+
+    def frame(self, frame: Frame, measured: Measurement) -> None:
+        """Watch the source, the exposure, and whether there are angles."""
+        now = frame.time_s
+        assert now is not None
+        if frame.picture is not None:
+            notes = frame.note.split("; ") if frame.note else []
+            self._usual = notes if self._usual is None else self._usual
+            self._found += [("source", note) for note in notes if note not in self._usual]
+            self._expose(now, float(frame.picture[::EVERY, ::EVERY].mean()) + BLACK)
+        if measured.status == "ok" or self._last_ok is None:
+            if self._silent:
+                self._found.append((self._silent, f"angles again after {now - (self._last_ok or 0.0):.0f} s"))
+            self._silent, self._last_ok = "", now
+        elif not self._silent and now - self._last_ok > SILENT_S:
+            self._silent = _SILENT[measured.status]
+            self._found.append((self._silent, f"no angle for {now - self._last_ok:.0f} s: {measured.reason}"))
+
+    def _expose(self, now: float, level: float) -> None:
+        weight = 1.0 if np.isnan(self._time) else -np.expm1((self._time - now) / SETTLED_S)
+        self._level = level if np.isnan(self._level) else self._level + weight * (level - self._level)
+        self._time = now
+        self._settled = self._level if np.isnan(self._settled) else self._settled
+        if not 1 / EXPOSURE < self._level / self._settled < EXPOSURE:
+            brighter = "brighter" if self._level > self._settled else "darker"
+            self._found.append(("exposure", f"pictures are {brighter}: mean level {self._level - BLACK:.0f}, "
+                                            f"before {self._settled - BLACK:.0f}"))  # fmt: skip
+            self._settled = self._level
+
+    def controller(self, now: float, controller: Controller | None, feed: ControllerFeed | None) -> None:
+        """Watch the controller's readings, and the file that is followed."""
+        self._begun = now if self._begun is None else self._begun
+        age_s = min(now - self._begun, math.inf if controller is None else controller.age(now))
+        if feed is not None and feed.news:
+            self._found.append(("controller", feed.news))
+        if age_s > STOPPED_S and not self._stopped:
+            why = f": {feed.problem}" if feed is not None and feed.problem else ""
+            self._found.append(("controller", f"no reading for {STOPPED_S:.0f} s; the run goes on without it{why}"))
+        elif age_s <= STOPPED_S and self._stopped:
+            self._found.append(("controller", "readings again"))
+        self._stopped = age_s > STOPPED_S
+
+    def knock(
+        self, before: Forecaster, after: Forecaster, now: float, swing: Array, rope: Array,
+        controller: Controller | None,
+    ) -> bool:  # fmt: skip
+        """Whether the camera was knocked: the direction OA jumped within a frame, and has stayed so.
+
+        Parameters
+        ----------
+        before, after : Forecaster
+            Without and with the frame.
+        now : float
+        swing : ndarray, shape (1, 2)
+        rope : ndarray, shape (1,)
+        controller : Controller or None
+        """
+        if self._alone is None:
+            if np.hypot(*after.error[0]) < max(KNOCK, KNOCK_SD * float(after.error_sd[0])):
+                return False
+            self._alone, self.since, self._shifts = copy.copy(before), now, []
+        state = self._alone.step(
+            now, np.full((1, 2), np.nan), 1.0, rope, None if controller is None else controller.motion(now)
+        )
+        self._shifts.append(swing[0] - state.mean[0, :2])
+        if now - self.since < STAYS_S:
+            return False
+        self._alone, shifts = None, np.array(self._shifts)
+        seen = shifts[np.isfinite(shifts).all(axis=-1)]
+        if not len(seen):
+            return False
+        middle = np.median(seen, axis=0)
+        size = float(np.hypot(*middle))
+        stays = np.hypot(*(seen - middle).T) < size / 2
+        if size < KNOCK or stays.sum() < STAYS * len(shifts):
+            return False
+        self._found.append(("camera", f"the camera's tilt changed by {np.degrees(size):.1f}° at {self.since:.0f} s"))
+        return True
