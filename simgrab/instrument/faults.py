@@ -139,13 +139,10 @@ class FaultWatch:
         if now - self.since < STAYS_S:
             return False
         self._alone, shifts = None, np.array(self._shifts)
-        seen = shifts[np.isfinite(shifts).all(axis=-1)]
-        if not len(seen):
-            return False
-        middle = np.median(seen, axis=0)
+        middle = np.median(shifts[np.isfinite(shifts).all(axis=-1)], axis=0)  # the first frame is one of them
         size = float(np.hypot(*middle))
-        stays = np.hypot(*(seen - middle).T) < size / 2
-        if size < KNOCK or stays.sum() < STAYS * len(shifts):
+        stays = np.hypot(*(shifts - middle).T) < KNOCK / 2 + size / 10  # NaN does not
+        if size < KNOCK or not stays[0] or np.mean(stays) < STAYS:
             return False
         self._found.append(("camera", f"the camera's tilt changed by {np.degrees(size):.1f}° at {self.since:.0f} s"))
         return True
