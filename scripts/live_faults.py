@@ -141,6 +141,7 @@ class Server:
         self.listen()
         assert self.listening is not None
         self.listening.settimeout(60)
+        (self.work / "listening").touch()
         self.client = self.listening.accept()[0]
         begun, rows = time.monotonic(), 0
         injected: list[tuple[str, float]] = []
@@ -257,7 +258,8 @@ def main(minutes: float, faults: int, work: Path) -> None:
         port = free.getsockname()[1]
     server = multiprocessing.get_context("spawn").Process(target=_serve, args=(work, port, faults, gap_s), daemon=True)
     server.start()
-    time.sleep(10)
+    while not (work / "listening").exists():
+        time.sleep(1)
     video.GIVE_UP_S = 40.0  # after the end
     oracle, events, memory = Oracle(work), list[tuple[float, str]](), list[float]()
     ended = threading.Event()

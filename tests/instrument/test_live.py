@@ -117,9 +117,10 @@ def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
         now = i / 9
         clock = 5000.0 if now < 20 else 100.0  # the controller's clock is set back
         if not 300 < i < 420:
-            text = f"{now + clock:.2f},{20 + now / 10:.3f},{now:.2f}\n"
-            with path.open("w" if i == 500 else "a") as file:  # the file is begun anew
-                file.write("t,rope,slew\n" * (i == 500) + text[: 4 if i == 100 else None])
+            text = rest + f"{now + clock:.2f},{20 + now / 10:.3f},{now:.2f}\n"
+            text, rest = (text[:4], text[4:]) if i == 100 else (text, "")  # a line may come in two parts
+            with path.open("w" if i == 500 else "a") as file:  # and the file may be begun anew
+                file.write("t,rope,slew\n" * (i == 500) + text)
         reported = feed.poll(now)
         watch.controller(now, reported, feed)
         found |= dict.fromkeys([i] * bool(news := watch.found(now)), news)
