@@ -143,6 +143,7 @@ class Server:
         self.listening.settimeout(60)
         (self.work / "listening").touch()
         self.client = self.listening.accept()[0]
+        self.listening.settimeout(0)
         begun, rows = time.monotonic(), 0
         injected: list[tuple[str, float]] = []
         with (self.work / "crane.csv").open("a") as file:

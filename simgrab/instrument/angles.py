@@ -46,6 +46,10 @@ class RecordArrays:
     pixel_sd: Array
     rope: Rope
 
+    def direction_sd(self, focal_px: float) -> Array:
+        """Return the standard deviation of each direction per axis from the pixel alone, rad, shape (n,)."""
+        return np.asarray(np.where(self.pixel_sd > 0, self.pixel_sd, UNSTATED_PX) / focal_px)
+
     def usable(self, *, rope: bool) -> NDArray[np.bool_]:
         """Which frames have a pixel and, where it is needed, a rope length: shape (n,)."""
         found = np.isfinite(self.pixels).all(axis=-1)
@@ -130,7 +134,7 @@ def forecasts(
     if record.time is None or not len(alpha):
         return None
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
-    sd = np.where(record.pixel_sd > 0, record.pixel_sd, UNSTATED_PX) / focal_px
+    sd = record.direction_sd(focal_px)
     rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], strict=True)
     states = [forecaster.step(*row, None if controller is None else controller.motion(row[0])) for row in rows]
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections import deque
 from dataclasses import replace
 from pathlib import Path
-from statistics import median
 
 import pyarrow as pa
 
@@ -20,15 +20,15 @@ KEPT_S = 10.0  # of readings
 LEAST_ROWS = 20
 MOST_BYTES = 1 << 20  # read at once: of more, the newest
 HEADER_BYTES = 1 << 16
-DELAYS = 300  # between a row's stamp and its arrival, of which the median relates the clocks
+DELAYS = 300  # of rows and frames after their stamps, of which the least relate the clocks
 CLOCK_S = 5.0  # by which a delay changes only where a clock jumped
 
 
 class ControllerFeed:
     """Follows the controller's data.
 
-    Times of rows are related to those of frames by their arrival, so that only their differences count. What a file
-    held before the first `poll` is not read.
+    Stamps of rows and times of frames are related by this computer's clock at their arrival, so that only their
+    differences count. What a file held before the first `poll` is not read.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class ControllerFeed:
         self.states_rope = self._facts.rope is not None
         self.problem = self.news = ""
         self._controller: Controller | None = None
-        self._delays = deque[float](maxlen=DELAYS)
+        self._delays, self._late = deque[float](maxlen=DELAYS), deque[float](maxlen=DELAYS)
         self._lag = self._facts.quantities[0].lag_s
         self._tails: dict[Path, _Tail] = {}
         for one in self._facts.quantities:
@@ -64,15 +64,19 @@ class ControllerFeed:
             earlier = self._tails.get(file)
             self._tails[file] = _Tail(file, max(rows, earlier.most if earlier else 0))
 
-    def poll(self, now: float) -> Controller | None:
+    def poll(self, now: float, clock: float | None = None) -> Controller | None:
         """Read new rows; return the last seconds of readings on the clock of the frames, None before there are any.
 
         Parameters
         ----------
         now : float
             Time of the frame, s.
+        clock : float, optional
+            This computer's clock, s.
         """
+        clock = time.monotonic() if clock is None else clock
         self.news = ""
+        self._late.append(clock - now)
         if not sum(tail.read() for tail in self._tails.values()):
             return self._controller
         try:
@@ -81,15 +85,16 @@ class ControllerFeed:
             self.problem = str(problem)
             return self._controller
         self.problem = ""
-        delay = now - float(found.time[-1]) - self._lag
-        if self._delays and abs(delay - median(self._delays)) > CLOCK_S:
+        delay = clock - float(found.time[-1]) - self._lag
+        if self._delays and abs(delay - min(self._delays)) > CLOCK_S:
             self.news = "its clock jumped; it is related to that of the pictures anew"
             self._delays.clear()
             for tail in self._tails.values():
                 tail.forget()
             return self._controller
         self._delays.append(delay)
-        offset = ClockOffset(median(self._delays), self._facts.time.clock_sd_s, "the rows' arrival")
+        offset_s = min(self._delays) - min(self._late)
+        offset = ClockOffset(offset_s, self._facts.time.clock_sd_s, "the rows' arrival")
         self._controller = replace(found.shifted(offset), hold_s=self._facts.longest_gap_s / 2)
         return self._controller
 

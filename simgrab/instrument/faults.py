@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 SILENT_S = 30.0  # without an angle
 STOPPED_S = 10.0  # without a reading of the controller
 KNOCK, KNOCK_SD = np.radians(0.7), 6.0  # least jump of a direction, and of it over its standard deviation
-STAYS_S, STAYS = 2.0, 0.8  # how long it must stay, and in which share of the frames
+STAYS_S, STAYS = 2.0, 0.8  # how long it must stay, and share of the frames with a grab
 EXPOSURE = 2.0  # ratio of the pictures' mean levels
 SETTLED_S = 5.0  # over which levels are averaged
 BLACK, EVERY = 4.0, 16  # level that is added, so that noise in the dark is no change; pixels between those averaged
@@ -62,8 +62,8 @@ class FaultWatch:
         self._silent, self._stopped = "", False
         self._begun: float | None = None
         self._time = self._level = self._settled = np.nan
-        self._alone: Forecaster | None = None  # without the frames since a jump
-        self._shifts: list[Array] = []
+        self._moved: Forecaster | None = None  # after a jump, as if the camera had been knocked
+        self._jump, self._seen = np.zeros(2), list[bool]()
         self.since = 0.0
 
     def found(self, time_s: float) -> tuple[Fault, ...]:
@@ -114,10 +114,10 @@ class FaultWatch:
         self._stopped = age_s > STOPPED_S
 
     def knock(
-        self, before: Forecaster, after: Forecaster, now: float, swing: Array, rope: Array,
+        self, before: Forecaster, after: Forecaster, now: float, swing: Array, sd: Array, rope: Array,
         controller: Controller | None,
-    ) -> bool:  # fmt: skip
-        """Whether the camera was knocked: the direction OA jumped within a frame, and has stayed so.
+    ) -> tuple[bool, Forecaster]:  # fmt: skip
+        """Whether the camera was knocked: the direction OA jumped within a frame, and has not jumped back.
 
         Parameters
         ----------
@@ -125,24 +125,40 @@ class FaultWatch:
             Without and with the frame.
         now : float
         swing : ndarray, shape (1, 2)
-        rope : ndarray, shape (1,)
+        sd, rope : ndarray, shape (1,)
+            As `Forecaster.step` takes them.
         controller : Controller or None
+
+        Returns
+        -------
+        knocked : bool
+        forecaster : Forecaster
+            To go on with: without the frames between a jump and the jump back.
         """
-        if self._alone is None:
-            if np.hypot(*after.error[0]) < max(KNOCK, KNOCK_SD * float(after.error_sd[0])):
-                return False
-            self._alone, self.since, self._shifts = copy.copy(before), now, []
-        state = self._alone.step(
-            now, np.full((1, 2), np.nan), 1.0, rope, None if controller is None else controller.motion(now)
-        )
-        self._shifts.append(swing[0] - state.mean[0, :2])
-        if now - self.since < STAYS_S:
-            return False
-        self._alone, shifts = None, np.array(self._shifts)
-        middle = np.median(shifts[np.isfinite(shifts).all(axis=-1)], axis=0)  # the first frame is one of them
-        size = float(np.hypot(*middle))
-        stays = np.hypot(*(shifts - middle).T) < KNOCK / 2 + size / 10  # NaN does not
-        if size < KNOCK or not stays[0] or np.mean(stays) < STAYS:
-            return False
-        self._found.append(("camera", f"the camera's tilt changed by {np.degrees(size):.1f}° at {self.since:.0f} s"))
-        return True
+        frame = (now, swing, sd, rope, None if controller is None else controller.motion(now))
+        if self._moved is None:
+            jump = after.error[0]
+            if np.hypot(*jump) < max(KNOCK, KNOCK_SD * float(after.error_sd[0])):
+                return False, after
+            self._moved, self.since, self._jump, self._seen = copy.copy(before), now, jump, []
+            self._moved.shift(jump[None])
+            self._moved.step(*frame)
+            return False, after
+        moved, earlier = self._moved, copy.copy(self._moved)
+        moved.step(*frame)
+        self._seen.append(bool(np.isfinite(swing).all()))
+        size = float(np.hypot(*self._jump))
+        if np.hypot(*(moved.error[0] + self._jump)) < KNOCK / 2 + size / 10:
+            earlier.shift(-self._jump[None])
+            earlier.step(*frame)
+            self._moved = None
+            return False, earlier
+        if np.hypot(*moved.error[0]) > KNOCK:
+            self._moved = None
+        elif now - self.since >= STAYS_S:
+            self._moved = None
+            if np.mean(self._seen) >= STAYS:
+                text = f"the camera's tilt changed by {np.degrees(size):.1f}° at {self.since:.0f} s"
+                self._found.append(("camera", text))
+                return True, moved
+        return False, after

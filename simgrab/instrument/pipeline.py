@@ -283,7 +283,11 @@ class Pipeline:
             if self.controller is not None or self.feed is not None:
                 watch.controller(at, controller, self.feed)
             used, before = tilt, tilt
-            if tracker is None and watch.knock(earlier, forecaster, at, swing, newest.rope.length, controller):
+            knocked = False
+            if tracker is None:
+                sd = newest.direction_sd(calibration.focal_length_px)
+                knocked, forecaster = watch.knock(earlier, forecaster, at, swing, sd, newest.rope.length, controller)
+            if knocked:
                 tilt, estimated, forecaster, start, due = None, True, Forecaster(), watch.since, WARM_UP_S
                 old = sum(_time(s) < start for s in observations)
                 del observations[:old], lengths[:old]

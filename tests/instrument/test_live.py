@@ -68,7 +68,7 @@ def test_a_knock_is_found_and_the_tilt_estimated_anew(crane):
     found = lives(moved(seen, range(AT, len(seen))), crane.calibration, tilt=tilt)
     ((fault, at),) = [(fault, i) for i, one in enumerate(found) for fault in one.faults]
     assert fault.kind == "camera"
-    assert "1.5°" in fault.text
+    assert "by 1.4°" in fault.text or "by 1.5°" in fault.text
     assert AT < at < AT + 45
     assert found[at].tilt == tilt
     assert found[at + 1].tilt is None
@@ -121,7 +121,7 @@ def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
             text, rest = (text[:4], text[4:]) if i == 100 else (text, "")  # a line may come in two parts
             with path.open("w" if i == 500 else "a") as file:  # and the file may be begun anew
                 file.write("t,rope,slew\n" * (i == 500) + text)
-        reported = feed.poll(now)
+        reported = feed.poll(now, now + 3.0 * (i % 7 == 3))  # some frames come late
         watch.controller(now, reported, feed)
         found |= dict.fromkeys([i] * bool(news := watch.found(now)), news)
         if i in (60, 290, 480, 599):
