@@ -103,7 +103,10 @@ class FaultWatch:
     def controller(self, now: float, controller: Controller | None, feed: ControllerFeed | None) -> None:
         """Watch the controller's readings, and the file that is followed."""
         self._begun = now if self._begun is None else self._begun
-        age_s = min(now - self._begun, math.inf if controller is None else controller.age(now))
+        age_s = math.inf
+        if controller is not None:  # frames may be behind all readings of a feed
+            age_s = controller.age(now) if feed is None else now - float(controller.time[-1])
+        age_s = min(now - self._begun, age_s)
         if feed is not None and feed.news:
             self._found.append(("controller", feed.news))
         if age_s > STOPPED_S and not self._stopped:
