@@ -29,11 +29,13 @@ WORLDS: dict[str, dict[str, Any]] = {
     for mount in ("levelled", "fixed", "rigid")
     for name, wind in (("calm", {}), ("14 m/s", WIND))
 }
-OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 0.3
+MINUTE_S = 60.0
+OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 1.0
 
 
 @click.command()
 @click.option("--world", "worlds", multiple=True, type=click.Choice(list(WORLDS)), help="[default: all]")
+@click.option("--first", default=4, show_default=True, help="Clip; 1 to 3 served to set up the estimator.")
 @click.option("--clips", default=6, show_default=True)
 @click.option("--frames", default=2700, show_default=True, help="Of each clip, 9 a second.")
 @click.option("--noise-px", default=1.3, show_default=True, help="Per coordinate, 1920 px across.")
@@ -42,12 +44,15 @@ OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 0.3
 @click.option("--radius-m", default=0.01, show_default=True, help="Resolution.")
 @click.option("--lag-s", default=0.0, show_default=True, help="Of the readings' times, unknown to the estimator.")
 @click.option("--dropout", default=0.0, show_default=True, help="Share of readings that get lost.")
+@click.option("--gap-s", default=0.0, show_default=True, help="Of each minute, without readings.")
 @click.option("--without", is_flag=True, help="Without a controller.")
-def main(worlds: tuple[str, ...], clips: int, frames: int, noise_px: float, without: bool, **reading: float) -> None:
+def main(
+    worlds: tuple[str, ...], first: int, clips: int, frames: int, noise_px: float, without: bool, **reading: float
+) -> None:
     """Print one line for each world."""
     for world in worlds or WORLDS:
         errors, held, refused = [], [], 0
-        for clip in range(clips):
+        for clip in range(first, first + clips):
             rng, changes = stream(0, clip, "controller"), WORLDS[world]
             scenario = scenes.load(
                 "work-cycles", {"frames": frames, "seed": 100 + clip, "clip.clip_frames": frames, **changes}
@@ -84,13 +89,14 @@ def main(worlds: tuple[str, ...], clips: int, frames: int, noise_px: float, with
 
 def _readings(
     time: Array, jib: Array, rng: np.random.Generator, rate_hz: float, slew_deg: float, radius_m: float, lag_s: float,
-    dropout: float,
+    dropout: float, gap_s: float = 0.0,
 ) -> Controller:  # fmt: skip
     """Read the jib's slew angle and radius (n, 2) at times (n,) as a controller does."""
     at, steps = np.arange(time[0], time[-1], 1 / rate_hz), np.array([np.radians(slew_deg), radius_m])
     true = CubicSpline(time, jib)(at)
     values = np.round(true / steps) * steps
     values[rng.random(len(at)) < dropout] = np.nan
+    values[at % MINUTE_S > MINUTE_S - gap_s] = np.nan
     slew_sd, radius_sd = (steps / np.sqrt(12)).tolist()
     return Controller(at + lag_s, values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0, CLOCK_SD_S)
 

@@ -49,7 +49,7 @@ class Card:
     metrics : mapping
         On validation data: overall, and ``by_weather``.
     started_from : str
-        SHA-256 of the model whose weights it began with, or which pretrained ones; empty after random ones.
+        Which pretrained weights it began with, and the SHA-256 of the net in between, if any; empty after random ones.
     real : mapping
         Of the real frames that were learned from too: ``frames``, ``videos``, how many ``times`` each counts, and the
         ``labels_sha256``; empty where there were none.

@@ -11,6 +11,7 @@ from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.jib import STEP_S, JibMotion
 from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
+from simgrab.instrument.estimate.pendulum_fit import _until_hoisted
 from simgrab.model.scenario import Camera, LevelledMount
 from simgrab.world.trajectory.mount import Mount
 
@@ -70,6 +71,15 @@ def test_the_camera_levels_itself_as_the_worlds_does():
     found = motion.levelled(2 * np.pi * 0.4, 0.6, time)
     assert np.abs(truth).max() > 0.02
     assert np.abs(found - truth)[:-10].max() < 1e-3
+
+
+def test_a_grab_that_digs_does_so_until_it_is_hoisted_and_one_that_hangs_feels_a_gust():
+    rate = np.repeat([1.0, 0.0, -1.0, 0.0, 1.0], [50, 130, 50, 450, 50])
+    forces = np.zeros(len(rate))
+    forces[[60, 400]] = 10.0  # as jaws close, and in a rest too long for digging
+    found = _until_hoisted(forces, rate, np.full(len(rate), 0.1))
+    assert (found[65:165] == 10).all()
+    assert np.flatnonzero(found[200:]).tolist() == [200]
 
 
 @pytest.mark.parametrize("mount", ["levelled", "rigid"])

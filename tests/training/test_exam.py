@@ -49,7 +49,8 @@ def test_there_is_an_exam_for_each_weather():
 
 @pytest.mark.parametrize("quick", slow_but([False, True], False))
 def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path):
-    for folder in (tmp_path / build_weights.BACKGROUNDS, tmp_path / build_weights.COLLAGES):
+    for name in (build_weights.BACKGROUNDS, build_weights.COLLAGES, *build_weights.NEGATIVES):
+        folder = tmp_path / name
         (folder / "photographs").mkdir(parents=True)
         (folder / SCENE).write_bytes(Path(build_weights.__file__).with_name(SCENE).read_bytes())
         Image.new("RGB", (64, 36)).save(folder / "photographs" / "yard.png")

@@ -28,6 +28,7 @@ from simgrab.training.detector.nets import Coarse, Pose  # noqa: E402
 from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402
 from simgrab.training.detector.start import begun  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
+from simgrab.training.detector.trunk import TRUNK  # noqa: E402
 
 bundled = pytest.mark.skipif(not (WEIGHTS / "coarse.onnx").exists(), reason="no detector's weights are bundled")
 SHAPES = {"coarse": (COARSE_HEIGHT, COARSE_WIDTH, 3), "pose": (POSE_SIZE, POSE_SIZE, POSE_CHANNELS)}
@@ -108,8 +109,9 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
     assert thresholds[1] == thresholds[0] > 0.2  # few frames show no grab
     for name in NETS:
         card = json.loads((tmp_path / "out" / f"{name}.json").read_text())
-        assert card["started_from"] == json.loads((WEIGHTS / f"{name}.json").read_text())["model_sha256"]
-        assert card["started_from"][:16] in (tmp_path / "out" / f"{name}.md").read_text()
+        first = json.loads((WEIGHTS / f"{name}.json").read_text())["model_sha256"]
+        assert card["started_from"] == f"{TRUNK}, then a net of SHA-256 {first}"
+        assert card["started_from"] in (tmp_path / "out" / f"{name}.md").read_text()
     shutil.copytree(WEIGHTS, tmp_path / "part")
     (tmp_path / "part" / "pose.onnx").unlink()
     with pytest.raises(TrainingError, match=r"pose\.onnx"):

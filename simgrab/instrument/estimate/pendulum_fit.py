@@ -12,6 +12,8 @@ from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.pendulum import (
     DEGREES,
+    FREQUENCY,
+    LEVELLING,
     NODE_S,
     OFFSET,
     STATE,
@@ -28,7 +30,11 @@ from simgrab.model.geometry import Array
 SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
 STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 WHOLE_STEPS = 6  # after which steps are halved: frequency and damping of a camera that does not move are any
+CLOSE = 0.02  # of the tilt's uncertainty, below which such a step changes nothing
+FARTHEST = np.array([[-4.0], [4.0]])  # standard deviations that the camera's frequency and damping stay within
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
+LEAST_GUSTS = 2e-4  # rad, of the slow forcing by gusts, where the controller accounts for the jib: a breeze of 4 m/s
+REST_M_S, DIG_S = 0.1, 30.0  # speed below which a hoist rests, and the longest time for which a grab digs
 
 
 @dataclass(frozen=True)
@@ -105,6 +111,7 @@ def fit(
         Weights of the steps between nodes. While strengths are searched for and a controller reports, they follow from
         the forces: a grab that digs does not swing freely.
     """
+    some = [FREQUENCY, LEVELLING]
     converged, free = False, np.ones(len(nodes.time) - 1) if free is None else free
     for done in range(ROUNDS):
         weigh = priors.jib.moves and searches > 0 and done > 0
@@ -114,9 +121,15 @@ def fit(
             still = np.abs(strengths - before) < (np.inf, 0.03, 0.3)  # fast forcing may be anything once it is too weak
             searches = 0 if still.all() else searches - 1
         best = posterior.at(strengths).minimise()
-        share, close = (0.5, 1e-5) if priors.jib.moves and done > WHOLE_STEPS else (1.0, 1e-6)
+        share, close = 1.0, 1e-6
+        if priors.jib.moves and done > WHOLE_STEPS:
+            share, close = 0.5, max(1e-5, CLOSE * float(np.sqrt(np.diag(best.covariance)[:2].min())))
+        share /= max(1.0, float(np.abs(best.parameters[some]).max()))  # logarithms
         path = path + share * best.states.reshape(path.shape)
         parameters = parameters + share * best.parameters
+        if not (np.isfinite(path).all() and np.isfinite(parameters).all()):
+            raise np.linalg.LinAlgError("the steps diverge")
+        parameters[some] = np.clip(parameters[some], *(priors.mean[some] + FARTHEST * priors.sd[some]))
         converged = searches == 0 and float(np.abs(best.parameters[:2]).max()) < close
         if converged:
             break
@@ -149,7 +162,7 @@ def _linearised(
             excess(residual, precisions[0], 4, LEAST_FAST, across),
             excess(residual, precisions[1], 2, LEAST_SLOW**2, across),
         )
-        free = np.maximum(1, beyond) ** -2.0
+        free = np.maximum(1, _until_hoisted(beyond, np.diff(nodes.rope) / step, step)) ** -2.0
     fast, slow = (
         linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
     )
@@ -168,9 +181,22 @@ def _linearised(
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
     leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
     posterior = Weighed(
-        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9
-    )
+        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9,
+        LEAST_GUSTS if priors.jib.moves else 1e-5,
+    )  # fmt: skip
     return posterior, weight, error2, free
+
+
+def _until_hoisted(beyond: Array, rate: Array, step: Array) -> Array:
+    """Excess forces (k,); while the hoist rests, the greatest of that rest: a grab that digs does so until hoisted.
+
+    A longer rest than digging takes keeps its forces: there the grab hangs.
+    """
+    across = max(int(WINDOW_S / np.median(step)), 1)
+    rests = np.abs(scipy.ndimage.uniform_filter1d(rate, across)) < REST_M_S
+    rest = np.cumsum(np.diff(rests, prepend=rests[0]))
+    most = scipy.ndimage.maximum(beyond, rest, np.arange(rest[-1] + 1))
+    return np.where(rests & (np.bincount(rest, step)[rest] < DIG_S), most[rest], beyond)
 
 
 def _information(weight: Array, error2: Array) -> float:

@@ -24,7 +24,7 @@ _LEAST = 1e-9  # presence whose logit is finite
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
 # Missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm.
-_FALSE = 3.0
+_FALSE = 10.0
 _UP = 0.9  # how far up the range of equally good ones it lies, in logits
 _FEWEST = 20  # detections from which on a factor or a slope is fitted
 _FEWEST_EMPTY = 50  # frames without a grab from which on a threshold below the one before is fitted
@@ -135,7 +135,7 @@ def recalibrated(detected: Sequence[DetectedFrame], slope: float, offset: float)
 def least_presence(detected: Sequence[DetectedFrame]) -> float:
     """Choose the least presence at which a candidate is taken for the grab.
 
-    A false box counts as three missed grabs. Of the thresholds with the fewest weighted errors, this is the point nine
+    A false box counts as ten missed grabs. Of the thresholds with the fewest weighted errors, this is the point nine
     tenths up the widest interval, and so closer to the grabs than to other things: validation frames show only few of
     the things that can be mistaken for a grab.
 

@@ -96,7 +96,7 @@ def train(
     """
     out = Path(out)
     check(out, resume=resume)
-    first = start_digests(start)
+    began = {name: f"{TRUNK}, then a net of SHA-256 {digest}" for name, digest in start_digests(start).items()}
     sets = datasets.read_all(paths, "train", "val")
     frames = FrameSplits.of(sets)
     rendered = len(frames.train)
@@ -113,7 +113,7 @@ def train(
                 name=name, task=TASKS[name], data=tuple(one.data for one in sets), examples=trained.examples,
                 recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs, seconds=trained.seconds,
                 metrics={"alone": trained.figures, "best_epoch": trained.epoch} | fitted.metrics,
-                started_from=first.get(name, TRUNK), real=real.learned(rendered) if real else {},
+                started_from=began.get(name, TRUNK), real=real.learned(rendered) if real else {},
             ).save(out / f"{name}.onnx")  # fmt: skip
     return Result(out, fitted.metrics)
 
