@@ -16,6 +16,7 @@ import av.error
 import numpy as np
 from av.container import Container, InputContainer
 from av.filter import Graph
+from av.sidedata.sidedata import SideDataContainer
 from av.stream import Disposition
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
@@ -206,7 +207,8 @@ class Playback:
 
     def _turn(self, frame: VideoFrame) -> Turn:
         """Read the display matrix: x' = a x + c y, y' = b x + d y; scale and shift are ignored."""
-        data: Any = frame.side_data.get("DISPLAYMATRIX")
+        # frame.side_data would refer to the frame, which then stays in memory until garbage is collected.
+        data: Any = SideDataContainer(frame).get("DISPLAYMATRIX")
         if data is None:
             return _UPRIGHT
         a, b, _, c, d, *_ = struct.unpack("=9i", bytes(data))

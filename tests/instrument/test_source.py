@@ -1,5 +1,6 @@
 """Sources of frames: what they give, what they make of what is lost, and how they end on what is none."""
 
+import gc
 import os
 import socket
 import sys
@@ -16,6 +17,7 @@ from av.filter import Graph
 from av.stream import Disposition
 
 from simgrab.errors import SourceError
+from simgrab.instrument import video
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import ahead
 from simgrab.instrument.source import camera_beside, fitting, open_source, plain_name
@@ -27,6 +29,11 @@ from films import SIZE, film, picture
 from streams import over_http, over_rtsp
 
 RATE = 9.0
+
+
+@pytest.fixture(autouse=True)
+def _a_lost_stream_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(video, "GIVE_UP_S", 0.0)
 
 
 def even(n, rate=RATE):
@@ -342,6 +349,18 @@ def test_what_is_no_source(tmp_path):
             open_source(tmp_path / name)
     with pytest.raises(SourceError, match="127"):
         open_source("tcp://127.0.0.1:9")
+
+
+def test_decoded_frames_are_released_at_once(tmp_path):
+    source = iter(open_source(film(tmp_path / "a.ts", even(40))))
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(35):
+            next(source)
+        assert sum(isinstance(o, av.VideoFrame) for o in gc.get_objects()) < 10
+    finally:
+        gc.enable()
 
 
 def test_what_cannot_be_a_source_is_named(tmp_path, monkeypatch):
