@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import time
 from collections import deque
@@ -275,19 +274,17 @@ class Pipeline:
             else:
                 alpha, ends, swing = angles.by_tilt(newest, tilt, calibration)
                 if before is not tilt and before is not None:
-                    forecaster.shift(swing - angles.by_tilt(newest, before, calibration)[2])
-            earlier = copy.copy(forecaster)
+                    by = swing - angles.by_tilt(newest, before, calibration)[2]
+                    forecaster.shift(by)
+                    watch.shift(by)
             ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px, controller)
             (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s)
             watch.frame(frame, measured)
             if self.controller is not None or self.feed is not None:
                 watch.controller(at, controller, self.feed)
             used, before = tilt, tilt
-            knocked = False
-            if tracker is None:
-                sd = newest.direction_sd(calibration.focal_length_px)
-                knocked, forecaster = watch.knock(earlier, forecaster, at, swing, sd, newest.rope.length, controller)
-            if knocked:
+            sd = newest.direction_sd(calibration.focal_length_px)
+            if tracker is None and watch.knock(at, swing, sd, newest.rope.length):
                 tilt, estimated, forecaster, start, due = None, True, Forecaster(), watch.since, WARM_UP_S
                 old = sum(_time(s) < start for s in observations)
                 del observations[:old], lengths[:old]

@@ -195,7 +195,9 @@ class Stream:
                 try:
                     for frame in _with_gaps(_decoded(stream, clock, self.name, live=True)):
                         yield replace(frame, note="; ".join(filter(None, (note, frame.note)))) if note else frame
-                        last_s, arrived, note = frame.time_s or 0.0, time.monotonic(), ""
+                        note = ""
+                        if frame.picture is not None:
+                            last_s, arrived = frame.time_s or 0.0, time.monotonic()
                 except SourceError:  # it ends before its first picture
                     if asked is None:
                         raise

@@ -208,7 +208,7 @@ class Playback:
     def _turn(self, frame: VideoFrame) -> Turn:
         """Read the display matrix: x' = a x + c y, y' = b x + d y; scale and shift are ignored."""
         # frame.side_data would refer to the frame, which then stays in memory until garbage is collected.
-        data: Any = SideDataContainer(frame).get("DISPLAYMATRIX")
+        data: Any = SideDataContainer(frame).get("DISPLAYMATRIX")  # type: ignore[call-arg]  # missing in the stub
         if data is None:
             return _UPRIGHT
         a, b, _, c, d, *_ = struct.unpack("=9i", bytes(data))
