@@ -79,14 +79,6 @@ class Controller:
         held = np.where(time <= self.time[-1] + self.hold_s, np.minimum(time, self.time[-1]), time)
         return np.interp(held, self.time, self.rope, np.nan, np.nan)
 
-    def age(self, now: float) -> float:
-        """Time since the last reading at or before a moment, s; infinite before the first."""
-        i = int(np.searchsorted(self.time, now, side="right")) - 1
-        series = [values for values in (self.slew, self.radius, self.rope) if values is not None]
-        while i >= 0 and all(np.isnan(values[i]) for values in series):
-            i -= 1
-        return math.inf if i < 0 else float(now - self.time[i])
-
     def motion(self, now: float) -> Array | None:
         """Acceleration of O, jib frame, m/s², and slewing rate, rad/s, from readings up to a moment: shape (1, 3).
 

@@ -280,7 +280,7 @@ class Pipeline:
             ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px, controller)
             (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s)
             watch.frame(frame, measured)
-            if self.controller is not None or self.feed is not None:
+            if self.feed is not None:
                 watch.controller(at, controller, self.feed)
             used, before = tilt, tilt
             sd = newest.direction_sd(calibration.focal_length_px)
