@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 SILENT_S = 30.0  # without an angle
 STOPPED_S = 10.0  # without a reading of the controller
-# Least jump of a direction, and of it over its standard deviation. Without a knock the greatest were 0.52° and 5.6, in 20
-# simulated minutes of the scene work-cycles and 6 of alarm-cycles, seen with 1.3 px of noise.
+# Least jump of a direction, and of it over its standard deviation. Without a knock the greatest were 0.52° and 5.6: in
+# 20 simulated minutes of the scene work-cycles and 6 of alarm-cycles, seen with 1.3 px of noise.
 KNOCK, KNOCK_SD = np.radians(0.7), 6.0
 STAYS_S, STAYS = 2.0, 0.8  # how long it must stay, and share of the frames with a grab
 EXPOSURE = 2.0  # ratio of the pictures' mean levels
