@@ -112,7 +112,7 @@ PHOTOGRAPHS = tuple(
     for folder, first in ((BACKGROUNDS, 61), (COLLAGES, 71))
     for seed in range(first, first + 2)
 )
-# Shapes by other hands. No net learns of the last three collections: two are judged by, and robots are for exams only.
+# Shapes by other hands. No net learns of `JUDGES`, by which the epoch is chosen; robots are for exams only.
 LEARNED = ("plain", "loads", "procedural", "tools", "animals", "furniture")
 JUDGES = ("controllers", "household")
 
@@ -195,7 +195,7 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int, device: str
         (first, None, [path for path in paths if not path.name.startswith(ADDED)]),
         (out, first, paths),
     ):
-        if (into / LAST).exists():
+        if (into / f"{NETS[-1]}.md").exists():  # a card is written last
             continue
         with board(shown=True) as progress:
             train(

@@ -26,7 +26,7 @@ import msgspec
 from rich.console import Console
 
 from scripts.foreign.making import Blender, Maker, truth
-from scripts.foreign.worlds import DEFAULT_FAMILY, PICTURES, SEEDS, World
+from scripts.foreign.worlds import PICTURES, SEEDS, World
 from scripts.score_detector import WIDTH, boxes_table, centres_table
 from simgrab.cli import main as run
 from simgrab.dataset import preview
@@ -64,7 +64,7 @@ def complete(folder: Path) -> bool:
 
 
 def score(root: Path, worlds: Sequence[World], nets: Mapping[str, Detector]) -> dict[str, Any]:
-    """Run detectors on the complete worlds' pictures; "bundled" on those of the grab that it claims to find.
+    """Run detectors on the complete worlds' pictures.
 
     Returns
     -------
@@ -79,11 +79,10 @@ def score(root: Path, worlds: Sequence[World], nets: Mapping[str, Detector]) -> 
         row = msgspec.json.decode(truth(folder, geometry).read_bytes(), type=FrameRecord).truth
         labelled = labels.is_labelled(row, Labels().least_visible_fraction)
         for name, (key, net) in itertools.product(names, nets.items()):
-            if key != "bundled" or world.family == DEFAULT_FAMILY:
-                found = net(pictures.read(folder / f"{name}.jpg"))
-                case = detection.Case(row, labelled, world.time, found, world.name)
-                for group in (name, f"{name}, {world.time}", f"{name}, {world.family}"):
-                    cases.setdefault(key, {}).setdefault(group, []).append(case)
+            found = net(pictures.read(folder / f"{name}.jpg"))
+            case = detection.Case(row, labelled, world.time, found, world.name)
+            for group in (name, f"{name}, {world.time}", f"{name}, {world.family}"):
+                cases.setdefault(key, {}).setdefault(group, []).append(case)
     return {
         "worlds": len(done),
         "incomplete": [world.name for world in worlds if world not in done],

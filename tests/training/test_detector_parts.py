@@ -446,7 +446,7 @@ def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):
             Detection("found", "", score, np.array(labels.box(row), float)),
         )
 
-    grabs = [seen(p, True) for p in (0.12, 0.7, 0.95, 0.96, 0.96, 0.99)]
+    grabs = [seen(p, True) for p in (0.12, 0.7, 0.95, *[0.96] * 10, 0.99)]
     empty = [seen(p, False) for p in (0.02, 0.2, 0.3, 0.97)]
     assert logit(evaluate.least_presence(grabs + empty)) == pytest.approx(0.1 * logit(0.3) + 0.9 * logit(0.7))
     assert evaluate.least_presence(grabs) < 0.12
@@ -454,7 +454,7 @@ def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):
     assert evaluate.least_presence([]) == 0.5
     assert evaluate.least_presence(grabs[:3] + empty) == 0.9  # two more grabs are missed, for one false box less
     kept = evaluate.by(0.5, grabs + empty)
-    assert [one.detection.found for one in kept] == [False, True, True, True, True, True, False, False, False, True]
+    assert [one.detection.found for one in kept] == [False, *[True] * 13, False, False, False, True]
     assert kept[0].detection.score == 0.12
 
 

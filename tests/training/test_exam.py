@@ -9,9 +9,10 @@ import pytest
 from conftest import slow_but
 from PIL import Image
 
-from scripts import background_photographs, build_weights
+from scripts import background_photographs, build_weights, hanging_shapes
 from scripts.background_photographs import SCENE
 from simgrab.model import scenes
+from simgrab.model.rng import stream
 from simgrab.model.scenario import Scenario
 from simgrab.model.scenario.factor import JOINT
 
@@ -48,12 +49,18 @@ def test_there_is_an_exam_for_each_weather():
 
 
 @pytest.mark.parametrize("quick", slow_but([False, True], False))
-def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path):
-    for name in (build_weights.BACKGROUNDS, build_weights.COLLAGES, *build_weights.NEGATIVES):
+def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path, monkeypatch):
+    for name in (build_weights.BACKGROUNDS, build_weights.COLLAGES, build_weights.SHAPES, *build_weights.NEGATIVES):
         folder = tmp_path / name
         (folder / "photographs").mkdir(parents=True)
         (folder / SCENE).write_bytes(Path(build_weights.__file__).with_name(SCENE).read_bytes())
         Image.new("RGB", (64, 36)).save(folder / "photographs" / "yard.png")
+    monkeypatch.setattr(hanging_shapes, "OWN", 2)
+    monkeypatch.setattr(hanging_shapes, "collected", lambda _: [("one", hanging_shapes.plain(stream(0, 0, "shape")))])
+    hanging_shapes.prepare(tmp_path / build_weights.SHAPES)
+    shutil.copytree(
+        tmp_path / build_weights.BACKGROUNDS / "photographs", tmp_path / build_weights.SHAPES / "photographs"
+    )
     for source in SOURCES:
         drawn = build_weights.scenario(source, tmp_path, quick=quick)
         assert (drawn.seed, drawn.frames) == (source.seed, source.quick if quick else source.frames)

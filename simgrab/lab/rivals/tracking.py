@@ -52,7 +52,7 @@ def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
     update : float
         Share by which the template follows each picture: 0 keeps the first.
     start : Detector, optional
-        Finds the target in the first picture; by default the four-rope detector.
+        Finds the target in the first picture; by default the bundled detector.
     """
 
     def track(frames: Iterable[Frame]) -> Iterator[Observation]:

@@ -96,7 +96,7 @@ def _counts(_context: click.Context, _parameter: click.Parameter, text: str | No
     "--from",
     "start",
     metavar="DETECTOR",
-    help="Start from the weights of this detector: bundled, or a folder. Takes about 20 minutes.",
+    help="Start from the weights of this detector: bundled, or a folder. Takes about 11 minutes.",
 )
 @click.option("--seed", default=0, show_default=True, help="Seed of weights, order, augmentation and frames.")
 @click.option("--quick", is_flag=True, help="About a fifth of the time.")

@@ -191,13 +191,13 @@ def loss(out: Tensor, batch: Batch) -> Tensor:
     scales = torch.cat([out[:, EDGE_SCALES], out[:, CENTRE_SCALES]], 1)
     unsure = (_surprise(miss.detach(), scales) + scales) * known
     turned, there = batch["turned"], batch["present"]
-    level = there * (turned != 0).any(1).float()  # of which the yaw is known
+    yaw_known = there * (turned != 0).any(1).float()  # of which the yaw is known
     unit = normalize(out[:, YAW], dim=1, eps=1e-3)
-    off = (1 - (unit * turned).sum(1)) * level
+    off = (1 - (unit * turned).sum(1)) * yaw_known
     # 1 − cos δ gives |δ| where it is small, and stays finite where it is not.
     delta = torch.sqrt((2 * off).clamp(min=0.0)).detach()
-    lean = (_surprise(delta, out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * level
-    grabs = level.sum().clamp(min=1.0)
+    lean = (_surprise(delta, out[:, YAW_SCALE]) + out[:, YAW_SCALE]) * yaw_known
+    grabs = yaw_known.sum().clamp(min=1.0)
     presence = binary_cross_entropy_with_logits(out[:, PRESENCE], there)
     return 40 * far + 0.2 * unsure.sum() / count + off.sum() / grabs + 0.05 * lean.sum() / grabs + presence
 

@@ -24,7 +24,7 @@ class Recipes:
 # Frames shown in all, however many there are to learn from.
 SHOWN = {"coarse": 40_000, "pose": 120_000}
 SHOWN_QUICK = {"coarse": 10_000, "pose": 24_000}
-# Of nets that begin with trained weights: about 20 minutes on two cores.
+# Of nets that begin with trained weights: about 11 minutes on two cores.
 SHOWN_AFTER = {"coarse": 8_000, "pose": 30_000}
 SHOWN_AFTER_QUICK = {"coarse": 2_000, "pose": 6_000}
 RATE_AFTER = 0.5  # of the usual one
@@ -41,7 +41,7 @@ def recipes(
     frames : int
         To learn from.
     quick : bool
-        A quarter of the frames, in about a fifth of the time.
+        A quarter of the pictures and a fifth of the crops, in about a fifth of the time.
     started : bool
         Whether the nets begin with trained weights: fewer frames, at half the rate.
     shown : mapping of str to int, optional
