@@ -15,7 +15,7 @@ from simgrab.text import printable
 @click.command()
 @click.argument("file", type=PATH)
 @click.option("--camera", type=PATH, required=True, help="Camera TOML.")
-@click.option("--estimator", type=EstimatorName(), help=f"[default: {DEFAULT}; with --imu inertial-fusion]")
+@click.option("--estimator", type=EstimatorName(), help=f"[default: {DEFAULT}; with --imu pendulum-smoother]")
 @imu_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
 @click.option("--figure", type=FILE, help="File of the figure.  [default: FILE.estimate.png]")

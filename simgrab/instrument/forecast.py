@@ -27,7 +27,7 @@ FAST = 2e-3  # m²/s³, white acceleration: gusts
 SLOW = 0.03  # rad, forcing that lasts: a jib head that speeds up at 0.3 m/s²
 TURNING = 0.05  # rad/s, standard deviation of a turning rate that nobody reports: 0.5 rpm
 REPORTED = 0.25  # share of both that is left while a controller reports the jib's motion
-RATE = 0.2  # rad/s, standard deviation of the swing's rate at first
+SWING = 0.07  # rad per axis, standard deviation of the amplitude at first
 HOIST_S = 0.7  # over which the hoist's speed is averaged
 UNSEEN = 1e6  # variance of a place that was not seen
 
@@ -144,7 +144,7 @@ class Forecaster:
                 np.linspace(before, after, _parts(seconds)), seconds,
             )  # fmt: skip
         mean[first], hoist[first] = 0, 0
-        of_p = RATE * (np.where(seen, rope, 0.0) / LENGTH) ** 2
+        of_p = SWING * np.sqrt(GRAVITY) * np.where(seen, rope, 0.0) ** 1.5 / LENGTH**2
         one = np.ones_like(of_p)
         sds = np.stack([one, one, of_p, of_p, SLOW * one, SLOW * one, TURNING * one], axis=-1)
         covariance[first] = (sds[:, None] * sds[..., None] * np.eye(STATE))[first]

@@ -43,7 +43,6 @@ INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
 KEPT_S = 1200.0  # of a live record
-INERTIAL = "inertial-fusion"
 IMU, PLC = "imu0", "plc"  # among sensors: in the camera's housing, and the crane's controller
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
@@ -159,7 +158,7 @@ class Pipeline:
         name = self.estimator.name if self.estimator is not None and self.estimator.needs_rope else ""
         if sensors:
             self._check_sensors(sensors)
-            name = INERTIAL if IMU in sensors else name
+            name = WITH_MOTION if IMU in sensors else name
         if name and PLC not in sensors and not (display and self.reader is not None):
             raise RunError(f"{name} needs the rope's length on the display")
 
@@ -173,7 +172,7 @@ class Pipeline:
         """Measure with sensors (`TakesSensors`).
 
         These are ``plc``, the controller's data, and ``imu0``, the inertial sensor in the camera's housing, with which
-        the estimator is `InertialFusion`.
+        the estimator is `PendulumSmoother`.
 
         Raises
         ------
@@ -185,10 +184,10 @@ class Pipeline:
         self._check_sensors(sensors)
         found = self
         if IMU in sensors:
-            from simgrab.instrument.estimate.inertial.estimator import InertialFusion
+            from simgrab.instrument.estimate import PendulumSmoother
             from simgrab.instrument.estimate.inertial.readings import read_imu
 
-            found = replace(found, estimator=InertialFusion(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
+            found = replace(found, estimator=PendulumSmoother(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
         if PLC in sensors:
             from simgrab.instrument.controller_file import read_controller
 
@@ -323,10 +322,10 @@ def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker 
     """Make the live filter of an estimator with inertial readings."""
     if not estimator.needs_imu:
         return None
-    from simgrab.instrument.estimate.inertial.estimator import InertialFusion
+    from simgrab.instrument.estimate import PendulumSmoother
     from simgrab.instrument.estimate.inertial.live import InertialTracker
 
-    assert isinstance(estimator, InertialFusion)
+    assert isinstance(estimator, PendulumSmoother)
     return InertialTracker(estimator, calibration)
 
 
@@ -400,7 +399,7 @@ def assemble(
         Whether the pipeline is for a live run.
     imu : path, optional
         Folder of the inertial sensor in the camera's housing, as `read_imu` takes it: then the estimator is
-        `InertialFusion`.
+        `PendulumSmoother`.
     plc : path, optional
         Data of the crane's controller, as `simgrab.instrument.controller_file.read_controller` takes them.
     follow : bool

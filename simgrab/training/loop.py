@@ -15,7 +15,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import cv2
 import numpy as np
@@ -322,7 +322,10 @@ def _optimiser(net: nn.Module, recipe: TrainingRecipe) -> torch.optim.Optimizer:
 def _groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:
     """Spare biases and norms the weight decay, and let a part that states a share of the rate learn at that."""
     shares = {
-        weight: module.share for module in net.modules() if hasattr(module, "share") for weight in module.parameters()
+        weight: cast("float", module.share)
+        for module in net.modules()
+        if hasattr(module, "share")
+        for weight in module.parameters()
     }
     groups: dict[tuple[float, float], list[nn.Parameter]] = {}
     for weight in net.parameters():

@@ -430,7 +430,7 @@ def test_without_the_rope_length_in_the_track_no_display_is_read(sensed, tmp_pat
 @pytest.mark.parametrize(
     ("instrument", "track", "words"),
     [
-        (Pipeline(Middle(), Middle()), "picture+imu", "inertial-fusion needs the rope's length on the display"),
+        (Pipeline(Middle(), Middle()), "picture+imu", "pendulum-smoother needs the rope's length on the display"),
         (Pipeline(Middle(), Middle(), RopeAware()), "picture", "rope-aware needs the rope's length on the display"),
         (Pipeline(Middle(), Middle()), "picture+rope+lidar", "uses the sensors imu0 and plc; there are: lidar0"),
         (Still(), "picture+lidar", "still takes no sensors"),

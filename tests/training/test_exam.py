@@ -58,9 +58,6 @@ def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(hanging_shapes, "OWN", 2)
     monkeypatch.setattr(hanging_shapes, "collected", lambda _: [("one", hanging_shapes.plain(stream(0, 0, "shape")))])
     hanging_shapes.prepare(tmp_path / build_weights.SHAPES)
-    shutil.copytree(
-        tmp_path / build_weights.BACKGROUNDS / "photographs", tmp_path / build_weights.SHAPES / "photographs"
-    )
     for source in SOURCES:
         drawn = build_weights.scenario(source, tmp_path, quick=quick)
         assert (drawn.seed, drawn.frames) == (source.seed, source.quick if quick else source.frames)

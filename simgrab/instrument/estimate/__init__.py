@@ -13,7 +13,6 @@ from simgrab.errors import RecordError, first_line
 if TYPE_CHECKING:
     from simgrab.instrument.estimate.contract import Estimator as Estimator
     from simgrab.instrument.estimate.geometric_median import GeometricMedian as GeometricMedian
-    from simgrab.instrument.estimate.inertial.estimator import InertialFusion as InertialFusion
     from simgrab.instrument.estimate.intervals import IntervalSettings as IntervalSettings
     from simgrab.instrument.estimate.mean_ray import MeanRay as MeanRay
     from simgrab.instrument.estimate.paper_iteration import PaperIteration as PaperIteration
@@ -31,7 +30,7 @@ _OWN = {
     "pendulum-smoother": f"{__name__}.pendulum_smoother:PendulumSmoother",
     "zero-tilt": f"{__name__}.zero_tilt:ZeroTilt",
 }
-_OTHERS = ("contract:Estimator", "intervals:IntervalSettings", "inertial.estimator:InertialFusion")
+_OTHERS = ("contract:Estimator", "intervals:IntervalSettings")
 
 
 class EstimatorTable(Mapping[str, "type[Estimator]"]):

@@ -76,9 +76,13 @@ class Estimator(ABC):
     parameters: ClassVar[int] = 3  # β, its azimuth, σ: as many frames at least
     needs_rope: ClassVar[bool] = False
     needs_time: ClassVar[bool] = False
-    needs_imu: ClassVar[bool] = False  # readings of an inertial sensor, which belong to one record
 
     intervals: IntervalSettings = field(default=IntervalSettings(), kw_only=True)
+
+    @property
+    def needs_imu(self) -> bool:
+        """Whether it has readings of an inertial sensor, which belong to one record."""
+        return False
 
     @abstractmethod
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:

@@ -32,17 +32,21 @@ class JibMotion:
     ----------
     time : ndarray, shape (m,)
         A grid.
-    course : ndarray, shape (m, 4)
-        Heading, rad; radius minus its mean, m; velocity of O, m/s (2).
+    course : ndarray, shape (m, 6)
+        Heading, rad; radius minus its mean, m; velocity of O, m/s (2); lean of the camera as far as a sensor tells, rad
+        (2, jib frame).
+    drift : float
+        Random walk of the error of this lean, rad/√s per axis.
     """
 
     time: Array
     course: Array
+    drift: float = 0.0
 
     @classmethod
     def at_rest(cls) -> JibMotion:
         """Make the motion of a jib that rests, or of which nothing is known."""
-        return cls(np.array([0.0, STEP_S]), np.zeros((2, 4)))
+        return cls(np.array([0.0, STEP_S]), np.zeros((2, 6)))
 
     @classmethod
     def of(cls, controller: Controller) -> JibMotion:
@@ -59,7 +63,7 @@ class JibMotion:
         out = np.stack([np.cos(slew[:, 0]), np.sin(slew[:, 0])], axis=-1)
         across = np.stack([-out[:, 1], out[:, 0]], axis=-1)
         velocity = radius[:, 1:2] * out + (reach * slew[:, 1])[:, None] * across
-        return cls(time, np.column_stack([slew[:, 0], reach - reach.mean(), velocity]))
+        return cls(time, np.column_stack([slew[:, 0], reach - reach.mean(), velocity, np.zeros_like(velocity)]))
 
     @property
     def moves(self) -> bool:
@@ -71,12 +75,12 @@ class JibMotion:
         return CubicSpline(self.time, self.course)
 
     def at(self, time: Array) -> Array:
-        """Course (k, 4) at moments (k,); beyond the readings it does not change."""
+        """Course (k, 6) at moments (k,); beyond the readings it does not change."""
         return np.asarray(self._spline(np.clip(time, *self.time[[0, -1]])))
 
     def acceleration(self, time: Array) -> Array:
         """Mean acceleration (k − 1, 2) between moments (k,), level frame, m/s²."""
-        return np.diff(self.at(time)[:, 2:], axis=0) / np.diff(time)[:, None]
+        return np.diff(self.at(time)[:, 2:4], axis=0) / np.diff(time)[:, None]
 
     def levelled(self, frequency: float, damping: float, time: Array) -> Array:
         """Lean (k, 2) at moments (k,) of a camera that hangs by gravity: a damped pendulum in the jib frame.
@@ -94,7 +98,7 @@ class JibMotion:
         from scipy.signal import lfilter  # slow to import, and needed with a controller alone
 
         heading = (self.course[1:, 0] + self.course[:-1, 0]) / 2
-        x, y = -np.diff(self.course[:, 2:], axis=0).T / (STEP_S * STANDARD_GRAVITY)
+        x, y = -np.diff(self.course[:, 2:4], axis=0).T / (STEP_S * STANDARD_GRAVITY)
         c, s = np.cos(heading), np.sin(heading)
         plumb = np.stack([c * x + s * y, c * y - s * x], axis=-1)
         step = scipy.linalg.expm(STEP_S * np.array([[0.0, 1.0], [-(frequency**2), -2 * damping * frequency]]))

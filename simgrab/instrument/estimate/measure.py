@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from simgrab.errors import RecordError, first_line
-from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, InertialFusion
+from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, PendulumSmoother
 from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.estimate.tables import PixelRecord, read_record
 from simgrab.model import calibration as camera_file
@@ -112,14 +112,14 @@ def measure(
         A name in `simgrab.instrument.estimate.ESTIMATORS`.
     imu : path, optional
         Folder of the inertial sensor in the camera's housing, as
-        `simgrab.instrument.estimate.inertial.readings.read_imu` takes it: then the estimator is `InertialFusion`.
+        `simgrab.instrument.estimate.inertial.readings.read_imu` takes it: then the estimator is `PendulumSmoother`.
 
     Raises
     ------
     RecordError, CalibrationError
         With one line that names the file and the row or column.
     """
-    kind: Estimator = _kind(estimator)() if imu is None else InertialFusion(imu=read_imu(imu))
+    kind: Estimator = _kind(estimator)() if imu is None else PendulumSmoother(imu=read_imu(imu))
     calibration = camera_file.load(camera)
     record = read_record(path, calibration, rope=kind.needs_rope, time=kind.needs_time)
     present = int(np.isfinite(record.pixels).all(axis=-1).sum())

@@ -7,9 +7,12 @@ needed. a is the slow part of the forcing, gusts and unknown acceleration of O o
 would come to rest. Its correlation decays exponentially.
 
 `PendulumSmoother` has states ``(s_x, s_y, p_x, p_y, a_x, a_y)``, whose model is in this module, in a level frame that
-does not turn with the jib. `JibMotion` gives the jib's heading in it, the acceleration of O, and how these lean the
-camera; all are 0 where no controller reports them. `simgrab.instrument.estimate.inertial.model` puts the same pendulum
-below a camera whose motion an inertial sensor measures.
+does not turn with the jib. `JibMotion` gives the jib's heading in it, the acceleration of O, and how the camera leans;
+all are 0 where neither a controller nor an inertial sensor reports them. An inertial sensor's lean is wrong by the tilt
+and by a drift, which are two more numbers of the state.
+
+The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab
+leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is the lean of OA.
 """
 
 from __future__ import annotations
@@ -36,8 +39,11 @@ TILT, OFFSET, DAMPING, STIFFNESS = slice(0, 2), slice(2, 5), 5, 6
 # clock minus the pictures' (s), and of the camera the share of apparent gravity that it follows, logarithms of its
 # frequency (rad/s) and of its damping ratio, and its pitch by luffing (rad/m).
 LONGER, WIND, CLOCK, FOLLOWS, FREQUENCY, LEVELLING, LUFFING = 7, slice(8, 10), 10, 11, 12, 13, 14
-PARAMETERS = 15
-STATE = 6
+# With an inertial sensor, the lever minus the rope's length (m), and of the sensor's lean (row by row) the scale error
+# and misalignment, by which a change of lean is measured wrongly.
+REACH, SCALE = 15, slice(16, 20)
+PARAMETERS = 20
+STATE = 6  # numbers of a state; 8 where a sensor's error of the camera's lean drifts (rad, jib frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,46 +149,71 @@ def seen_from(turn: Array, s: Array, rope: Array, offset: Array) -> Array:
     return np.asarray(local[:, :2] / -local[:, 2:])
 
 
+def looked_along(turn: Array, place: Array, rope: Array, offset: Array) -> Array:
+    """Horizontal part s (k, 2) of the direction to what is seen at a place (k, 2): inverse of `seen_from`."""
+    ray = np.einsum("...ij,...j->...i", turn, np.concatenate([place, -np.ones((len(place), 1))], axis=-1))
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    along = np.sum(ray * offset, axis=-1)
+    distance = np.sqrt(np.maximum(along**2 + rope**2 - np.sum(offset**2, axis=-1), 0)) - along
+    return np.asarray((offset + distance[:, None] * ray)[:, :2] / rope[:, None])
+
+
 def _rates(x: Array, parameters: Array, rope: Array, length: float, acceleration: Array | float) -> Array:
-    s, p, a = x[:, :2], x[:, 2:4] * length**2, x[:, 4:]
+    s, p, a = x[:, :2], x[:, 2:4] * length**2, x[:, 4:6]
     turn, nz = turning(s, p, rope)
     gravity = GRAVITY * rope * (1 + parameters[STIFFNESS])
     drag = 2 * parameters[DAMPING] * np.sqrt(GRAVITY / rope)
     torque = gravity[:, None] * (a + parameters[WIND] - s) + (rope * nz)[:, None] * acceleration - drag[:, None] * p
-    return np.concatenate([turn, torque / length**2, np.zeros_like(a)], axis=-1)
+    return np.concatenate([turn, torque / length**2, np.zeros_like(x[:, 4:])], axis=-1)
 
 
 def advance(x: Array, parameters: Array, links: Links, acceleration: Array | float = 0.0) -> Array:
-    """Advance states (k, 6) by one step of the fourth-order Runge-Kutta method.
+    """Advance states (k, d) by one step of the fourth-order Runge-Kutta method.
 
     Parameters
     ----------
-    x : ndarray, shape (k, 6)
-    parameters : ndarray, shape (15,)
+    x : ndarray, shape (k, d)
+    parameters : ndarray, shape (20,)
     links : Links
     acceleration : ndarray, shape (k, 2), or float
         Of O, m/s².
     """
     h = links.step[:, None]
-    before, after = links.before + parameters[LONGER], links.after + parameters[LONGER]
+    levers = links.before + parameters[REACH], links.after + parameters[REACH]
+    before, after = (lever + parameters[LONGER] for lever in levers)
+    x = np.concatenate([x[:, :2] * (links.before / levers[0])[:, None], x[:, 2:]], axis=-1)
     middle, fixed = (before + after) / 2, (links.length, acceleration)
     a = _rates(x, parameters, before, *fixed)
     b = _rates(x + h / 2 * a, parameters, middle, *fixed)
     c = _rates(x + h / 2 * b, parameters, middle, *fixed)
     d = _rates(x + h * c, parameters, after, *fixed)
     result = x + h / 6 * (a + 2 * b + 2 * c + d)
-    result[:, 4:] *= np.exp(-h / MEMORY_S)
+    result[:, :2] *= (levers[1] / links.after)[:, None]
+    result[:, 4:6] *= np.exp(-h / MEMORY_S)
     return np.asarray(result)
 
 
-def camera(parameters: Array, time: Array, jib: JibMotion) -> tuple[Array, Array]:
+def sensed_lean(parameters: Array, course: Array) -> Array:
+    """Lean (k, 2) of the camera that a sensor told in a course (k, 6), without the error of its scale."""
+    return np.asarray(course[:, 4:] @ (np.eye(2) + parameters[SCALE].reshape(2, 2)).T)
+
+
+def of_tilt(lean: Array) -> Array:
+    """Differentiate by the parameters, (2, 20), the camera's lean where a sensor told a lean (2,)."""
+    by = np.zeros((2, PARAMETERS))
+    by[:, TILT], by[:, SCALE] = np.eye(2), np.kron(np.eye(2), lean)
+    return by
+
+
+def camera(parameters: Array, time: Array, jib: JibMotion, drift: Array | float = 0.0) -> tuple[Array, Array]:
     """Rotation (k, 3, 3) from the mount frame to the level frame, and the camera's offset (k, 3) in the latter."""
     time = time + parameters[CLOCK]
     course = jib.at(time)
     level_from_jib = rotation_z(course[:, 0])
-    leans = parameters[FOLLOWS] * jib.levelled(np.exp(parameters[FREQUENCY]), np.exp(parameters[LEVELLING]), time)
-    leans[:, 0] += parameters[LUFFING] * course[:, 1]
-    leans += parameters[TILT]
+    leans = sensed_lean(parameters, course) + parameters[TILT] + drift
+    if not jib.drift:
+        leans += parameters[FOLLOWS] * jib.levelled(np.exp(parameters[FREQUENCY]), np.exp(parameters[LEVELLING]), time)
+        leans[:, 0] += parameters[LUFFING] * course[:, 1]
     turn = level_from_jib @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
     return turn, level_from_jib @ parameters[OFFSET]
 
@@ -190,29 +221,33 @@ def camera(parameters: Array, time: Array, jib: JibMotion) -> tuple[Array, Array
 def derivatives_of_advance(
     x: Array, parameters: Array, links: Links, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
-    """States (k − 1, 6) after the steps between times (k,), and derivatives by state (…, 6) and parameters (…, 15)."""
+    """States (k − 1, d) after the steps between times (k,), and derivatives by state (…, d) and parameters (…, 20)."""
 
     def led(e: Array) -> Array:
         p = parameters + e
         return advance(x, p, links, jib.acceleration(time + p[CLOCK]))
 
     known = jib.acceleration(time + parameters[CLOCK])
-    by_state = jacobian(lambda e: advance(x + e, parameters, links, known), STATE)
-    by_parameter = jacobian(led, PARAMETERS, range(DAMPING, CLOCK + 1 if jib.moves else LONGER))
+    by_state = jacobian(lambda e: advance(x + e, parameters, links, known), x.shape[-1])
+    of_jib = (*range(LONGER, CLOCK + 1), REACH) if jib.moves else ()
+    by_parameter = jacobian(led, PARAMETERS, (*range(DAMPING, LONGER), *of_jib))
     return advance(x, parameters, links, known), by_state, by_parameter
 
 
 def derivatives_of_place(
     x: Array, parameters: Array, rope: Array, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
-    """Places (k, 2), and their derivatives by the state (k, 2, 6) and the parameters (k, 2, 15)."""
-    turn, offset = camera(parameters, time, jib)
+    """Places (k, 2), and their derivatives by the state (k, 2, d) and the parameters (k, 2, 20)."""
+    turn, offset = camera(parameters, time, jib, x[:, 6:] if jib.drift else 0.0)
 
-    def seen(e: Array) -> Array:
-        changed, at = camera(parameters + e, time, jib)
+    def seen(e: Array, drift: Array | float = 0.0) -> Array:
+        changed, at = camera(parameters + e, time, jib, x[:, 6:] + drift if jib.drift else 0.0)
         return seen_from(changed, x[:, :2], rope, at)
 
-    by_state = jacobian(lambda e: seen_from(turn, (x + e)[:, :2], rope, offset), STATE, (0, 1))
-    of_jib = range(CLOCK, PARAMETERS) if jib.moves else ()
+    size, still = x.shape[-1], np.zeros(PARAMETERS)
+    by_state = jacobian(lambda e: seen_from(turn, (x + e)[:, :2], rope, offset), size, (0, 1))
+    if jib.drift:
+        by_state += jacobian(lambda e: seen(still, e[6:]), size, (6, 7))
+    of_jib = (CLOCK, *range(SCALE.start, SCALE.stop)) if jib.drift else range(CLOCK, REACH) if jib.moves else ()
     by_parameter = jacobian(seen, PARAMETERS, (*range(OFFSET.stop), *of_jib))
     return seen_from(turn, x[:, :2], rope, offset), by_state, by_parameter

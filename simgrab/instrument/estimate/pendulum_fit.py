@@ -16,6 +16,7 @@ from simgrab.instrument.estimate.pendulum import (
     LEVELLING,
     NODE_S,
     OFFSET,
+    REACH,
     STATE,
     WIND,
     Links,
@@ -30,6 +31,8 @@ from simgrab.model.geometry import Array
 SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
 STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 WHOLE_STEPS = 6  # after which steps are halved: frequency and damping of a camera that does not move are any
+LEAST_SENSED = 3e-5  # m²/s³, of white acceleration beside what a sensor reports: no grab is a better pendulum
+LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: the tilt takes it up
 CLOSE = 0.02  # of the tilt's uncertainty, below which such a step changes nothing
 FARTHEST = np.array([[-4.0], [4.0]])  # standard deviations that the camera's frequency and damping stay within
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
@@ -43,7 +46,7 @@ class PendulumPriors:
 
     Attributes
     ----------
-    mean, sd : ndarray, shape (15,)
+    mean, sd : ndarray, shape (20,)
     focal_px : float
     jib : JibMotion
     """
@@ -66,7 +69,7 @@ class PendulumPriors:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """A path (k, 6), static parameters (15,), strengths (3,), weights of pixels (k,) and steps (k − 1,)."""
+    """A path (k, d), static parameters (20,), strengths (3,), weights of pixels (k,) and steps (k − 1,)."""
 
     path: Array
     parameters: Array
@@ -78,13 +81,13 @@ class PendulumFit:
     converged: bool
 
 
-def first_path(nodes: Nodes, swing: Array) -> Array:
-    """Make a first path (k, 6) from running medians of the seen swings (n, 2), with straight lines across gaps."""
+def first_path(nodes: Nodes, swing: Array, size: int = STATE) -> Array:
+    """Make a first path (k, size) from running medians of the seen swings (n, 2), with straight lines across gaps."""
     seen = nodes.seen[nodes.frame]
     middle = scipy.ndimage.median_filter(swing[seen], (5, 1), mode="nearest")
     s = interpolated(nodes.time, nodes.time[nodes.frame][seen], middle)
     p = np.gradient(s, nodes.time, axis=0) * (nodes.rope / nodes.rope.mean())[:, None] ** 2
-    return np.concatenate([s, p, np.zeros_like(s)], axis=-1)
+    return np.concatenate([s, p, np.zeros((len(s), size - 4))], axis=-1)
 
 
 def fit(
@@ -101,8 +104,8 @@ def fit(
     Parameters
     ----------
     nodes : Nodes
-    path : ndarray, shape (k, 6)
-    parameters : ndarray, shape (15,)
+    path : ndarray, shape (k, d)
+    parameters : ndarray, shape (20,)
     strengths : ndarray, shape (3,)
     priors : PendulumPriors
     searches : int
@@ -120,7 +123,7 @@ def fit(
             before, strengths = strengths, posterior.search(strengths, wide=done == 2)
             still = np.abs(strengths - before) < (np.inf, 0.03, 0.3)  # fast forcing may be anything once it is too weak
             searches = 0 if still.all() else searches - 1
-        best = posterior.at(strengths).minimise()
+        best = _hanging(posterior.at(strengths).minimise(), parameters)
         share, close = 1.0, 1e-6
         if priors.jib.moves and done > WHOLE_STEPS:
             share, close = 0.5, max(1e-5, CLOSE * float(np.sqrt(np.diag(best.covariance)[:2].min())))
@@ -139,6 +142,15 @@ def fit(
     return PendulumFit(path, parameters, strengths, weight, posterior.at(honest).minimise(), free, done + 1, converged)
 
 
+def _hanging(best: Minimum, parameters: Array) -> Minimum:
+    """Move to the minimum at which the reach is at most 0: no head leans more than its ropes."""
+    beyond = parameters[REACH] + best.parameters[REACH]
+    if beyond <= 1e-9:
+        return best
+    change = -beyond * best.covariance[REACH] / best.covariance[REACH, REACH]
+    return replace(best, parameters=best.parameters + change, states=best.states - best.gain @ change)
+
+
 def _linearised(
     nodes: Nodes, path: Array, parameters: Array, strengths: Array, priors: PendulumPriors, free: Array, weigh: bool
 ) -> tuple[Weighed, Array, Array, Array]:
@@ -146,16 +158,14 @@ def _linearised(
 
     Also return the pixels' weights, their squared errors over the noise, and the steps' weights, new ones if ``weigh``.
     """
-    k = len(path)
+    k, d = path.shape
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
     links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()))
     joined = ~nodes.first[1:]
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
-    ahead = np.broadcast_to(np.eye(STATE), (k - 1, STATE, STATE))
+    ahead = np.broadcast_to(np.eye(d), (k - 1, d, d))
     residual = predicted - path[1:]
-    precisions = [
-        of_axes(np.asarray(np.linalg.inv(added)), at, STATE) for added, at in ((links.fast, 0), (links.slow, 4))
-    ]
+    precisions = [of_axes(np.asarray(np.linalg.inv(added)), at, d) for added, at in ((links.fast, 0), (links.slow, 4))]
     if weigh:
         across = max(int(WINDOW_S / np.median(step)), 1)
         beyond = np.maximum(
@@ -166,13 +176,20 @@ def _linearised(
     fast, slow = (
         linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
     )
+    first, loose = np.zeros(d), np.zeros(d)
+    first[:4], loose[4:6] = START_SD**-2.0, 1.0
     starts, steady = nodes.first[:, None], np.zeros_like(parameters)
     if priors.jib.moves:
         steady[WIND] = STEADY**-2.0
-    slow += prior(path, starts * np.repeat([0.0, 1.0], (4, 2)), parameters, steady)
-    fixed = prior(
-        path, starts * np.repeat([START_SD**-2.0, 0.0], (4, 2)), parameters - priors.mean, np.asarray(priors.sd**-2.0)
-    )
+    slow += prior(path, starts * loose, parameters, steady)
+    fixed = prior(path, starts * first, parameters - priors.mean, np.asarray(priors.sd**-2.0))
+    if priors.jib.drift:  # its mean is the tilt
+        held = np.zeros((k, d))
+        held[0, 6:] = LEVEL_SD**-2.0
+        walk = of_axes(1 / (priors.jib.drift**2 * np.diff(nodes.time))[:, None, None], 6, d)
+        fixed += linear(-by_state, -by_parameter, residual, walk, ahead) + prior(
+            path, held, parameters, np.zeros_like(parameters)
+        )
 
     seen_at, by_state, by_parameter = derivatives_of_place(path, parameters, nodes.rope, nodes.time, priors.jib)
     error = nodes.place - seen_at
@@ -181,8 +198,8 @@ def _linearised(
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
     leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
     posterior = Weighed(
-        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px, 1e-9,
-        LEAST_GUSTS if priors.jib.moves else 1e-5,
+        fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px,
+        LEAST_SENSED if priors.jib.drift else 1e-9, LEAST_GUSTS if priors.jib.moves else 1e-5,
     )  # fmt: skip
     return posterior, weight, error2, free
 

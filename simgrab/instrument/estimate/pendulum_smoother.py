@@ -7,10 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from simgrab.errors import RecordError
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
+from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.estimate.inertial.sensed import Sensed, sensed, unfit
 from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
 from simgrab.instrument.estimate.pendulum import (
@@ -24,29 +27,50 @@ from simgrab.instrument.estimate.pendulum import (
     LUFFING,
     OFFSET,
     PARAMETERS,
+    REACH,
+    SCALE,
     STATE,
     STIFFNESS,
     THIN_S,
     TILT,
     WIND,
     Nodes,
+    camera,
+    looked_along,
+    of_tilt,
+    sensed_lean,
 )
 from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array, rotation_z
+from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimates, Intervals
 
 CUT_S = 20.0  # longer gaps are not bridged
 # Prior of how a camera follows apparent gravity: the share, and logarithms of frequency (rad/s) and damping ratio.
 FOLLOWING, FOLLOWING_SD = (0.5, np.log(np.pi), np.log(0.5)), (0.5, 0.7, 0.7)
 LEAST_CLOCK_SD_S = 1e-3
+MOST_NOT_FREE = 0.3  # of a record; if more does not swing freely, the sensor is of another one
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
 MOST_WIND = 0.05  # rad, of the steady lean by wind, beside what gusts tell
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
+AROUND_S = 1.0  # of a sensor's readings before the first and after the last frame
+SENSOR_CLOCK_SD_S = 0.03
+SENSOR_SCALE_SD = 0.01  # of scale and misalignment: cheap sensors have 1 %, and 0.4° (docs/sensors.md)
+REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A fitted record: its nodes, the fit, the jib's motion, and the sensor's, if there is one."""
+
+    nodes: Nodes
+    fit: PendulumFit
+    jib: JibMotion
+    sensed: Sensed | None
 
 
 @dataclass(frozen=True)
@@ -74,8 +98,11 @@ class PendulumSmoother(PathEstimator):
     controller : Controller or None
         What the crane reports of its motion during the record. Slewing and luffing drive the pendulum, and they tilt
         the camera: β is its tilt where the jib rests at its mean radius.
+    imu : ImuReadings or None
+        Readings of an inertial sensor in the camera's housing. Its gyroscope measures how the camera turns, and its
+        accelerometer the acceleration of O, in place of the controller; β is the camera's mean tilt.
     longer_m, longer_sd_m : float
-        With a controller, prior of the length of the equivalent simple pendulum minus \|OA\|.
+        With a controller or a sensor, prior of the length of the equivalent simple pendulum minus \|OA\|.
 
     Notes
     -----
@@ -85,7 +112,9 @@ class PendulumSmoother(PathEstimator):
     With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` (the controller's clock minus that of
     the pictures), of the camera ``follows`` (share of apparent gravity, 1 if it levels itself and 0 if not),
     ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad), and ``not_free`` (share of the record
-    in which the grab does not swing freely: digging).
+    in which the grab does not swing freely: digging), and, with a sensor, ``reach_m`` (0 or negative): |OA| and the
+    reach, times the lean of the ropes, displace the grab; it is 0 if grab and ropes are in line, and minus the height
+    of the rope ends above A if the grab's head stays level.
     """
 
     name: ClassVar[str] = "pendulum-smoother"
@@ -96,10 +125,27 @@ class PendulumSmoother(PathEstimator):
     stiffness_sd: float = 0.003
     tilt_sd: float = 0.35
     controller: Controller | None = None
+    imu: ImuReadings | None = None
     longer_m: float = 0.4
     longer_sd_m: float = 0.5
 
+    @property
+    def needs_imu(self) -> bool:
+        """Whether readings of an inertial sensor are given."""
+        return self.imu is not None
+
+    def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
+        if self.imu is not None and len(frames.count) != 1:
+            raise RecordError(f"{self.name} takes one record at a time: the sensor's readings belong to one")
+        return super()._conclude(frames, calibration)
+
     def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
+        solved = self.solve(frames, calibration)
+        return solved if isinstance(solved, str) else self._found(solved, calibration.focal_length_px)
+
+    def solve(self, frames: Frames, calibration: Calibration, imu: ImuReadings | None = None) -> Solved | str:
+        """Fit one record, with some of the sensor's readings or all; returns the reason if that is impossible."""
+        imu = imu or self.imu
         assert frames.time is not None
         rough = RopeAware().fit(frames, calibration)
         beta, azimuth = tilt_of(rough.down[0])
@@ -107,27 +153,39 @@ class PendulumSmoother(PathEstimator):
         mean, sd = np.zeros(PARAMETERS), np.full(PARAMETERS, 1e-6)
         mean[OFFSET], mean[DAMPING] = calibration.offset_m, self.damping
         sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = self.tilt_sd, offset_sd, self.damping_sd, self.stiffness_sd
-        jib = JibMotion.at_rest()
-        if self.controller is not None:
+        jib, motion = JibMotion.at_rest(), None
+        if imu is not None or self.controller is not None:
+            mean[LONGER], sd[LONGER], sd[WIND] = self.longer_m, self.longer_sd_m, MOST_WIND
+        if imu is not None:
+            if reason := unfit(frames.time, imu):
+                return reason
+            motion = sensed(imu.between(frames.time[0] - AROUND_S, frames.time[-1] + AROUND_S), calibration)
+            jib, sd[CLOCK], sd[REACH], sd[SCALE] = motion.motion, SENSOR_CLOCK_SD_S, REACH_SD_M, SENSOR_SCALE_SD
+        elif self.controller is not None:
             (begin, end), (first, last) = self.controller.time[[0, -1]], frames.time[[0, -1]]
             if begin > first + SILENT_S or end < last - SILENT_S:
                 return (
                     f"the controller reports from {begin:.1f} to {end:.1f} s, frames from {first:.1f} to {last:.1f} s"
                 )
             jib = JibMotion.of(self.controller)
-            mean[LONGER], mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = self.longer_m, *FOLLOWING
-            sd[LONGER], sd[WIND], sd[LUFFING] = self.longer_sd_m, MOST_WIND, PITCH_SD
-            sd[CLOCK] = max(self.controller.clock_sd_s, LEAST_CLOCK_SD_S)
+            mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = FOLLOWING
+            sd[LUFFING], sd[CLOCK] = PITCH_SD, max(self.controller.clock_sd_s, LEAST_CLOCK_SD_S)
             sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
-        priors = PendulumPriors(mean, sd, focal_px, jib)
         start = mean.copy()
-        start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
-        swing = np.einsum("nij,jn->ni", rotation_z(jib.at(frames.time)[:, 0])[:, :2, :2], rough.swing[0])
+        if imu is None:
+            start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
+        priors = PendulumPriors(mean, sd, focal_px, jib)
+        turn, offset = camera(start, frames.time, jib)
+        assert frames.rope_length is not None
+        swing = looked_along(turn, frames.places()[1], frames.rope_length[0], offset)
         try:
             nodes, found = self._fit(frames, swing, start, priors)
         except np.linalg.LinAlgError:
             return "the record's equations are singular"
-        return self._found(nodes, found, focal_px) if found.converged else f"not converged in {ROUNDS} rounds"
+        odd = float(np.mean(found.free < FREE))
+        if imu is not None and odd > MOST_NOT_FREE:
+            return f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?"
+        return Solved(nodes, found, jib, motion) if found.converged else f"not converged in {ROUNDS} rounds"
 
     def _fit(self, frames: Frames, swing: Array, start: Array, priors: PendulumPriors) -> tuple[Nodes, PendulumFit]:
         """Fit the strengths to a thinned record if it is long, then fit the whole record."""
@@ -135,22 +193,30 @@ class PendulumSmoother(PathEstimator):
         strengths = np.log([1e-3, 3 / priors.focal_px, 1e-3])
         every = int(THIN_S / np.median(np.diff(frames.time)))
         nodes = Nodes.of(frames, slice(None), CUT_S)
+        size = STATE + 2 * (priors.jib.drift > 0)
         if len(swing) > THIN_FRAMES and every > 1:
             some = slice(None, None, every)
             thin = Nodes.of(frames, some, CUT_S)
             if thin.seen.sum() >= self.parameters:
-                path = first_path(thin, swing[some])
+                path = first_path(thin, swing[some], size)
                 rough = fit(thin, path, start, strengths, priors)
                 path = interpolated(nodes.time, thin.time, rough.path)
                 free = rough.free[np.searchsorted(thin.time[1:-1], nodes.time[1:])]
                 return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0, free)
-        return nodes, fit(nodes, first_path(nodes, swing), start, strengths, priors)
+        return nodes, fit(nodes, first_path(nodes, swing, size), start, strengths, priors)
 
-    def _found(self, nodes: Nodes, found: PendulumFit, focal_px: float) -> EstimatedMotion:
-        tilt, minimum = found.parameters[TILT], found.minimum
-        along, across = iv.split(minimum.covariance[TILT, TILT], tilt)
+    def _found(self, solved: Solved, focal_px: float) -> EstimatedMotion:
+        nodes, found, jib = solved.nodes, solved.fit, solved.jib
+        leans, minimum = sensed_lean(found.parameters, jib.at(nodes.time)), found.minimum
+        tilt = found.parameters[TILT] + leans.mean(axis=0)
+        by_lean = of_tilt(jib.at(nodes.time)[:, 4:].mean(axis=0))
+        along, across = iv.split(by_lean @ minimum.covariance @ by_lean.T, tilt)
         s = found.path[nodes.frame, :2]
-        gain = minimum.gain.reshape(-1, STATE, len(found.parameters))[nodes.frame, :2]
+        covariance = state_covariances(minimum, found.path.shape[1])[nodes.frame, :2, :2]
+        if solved.sensed is not None:
+            of_lean = np.interp(nodes.time[nodes.frame], jib.time, solved.sensed.variance)
+            covariance = covariance + of_lean[:, None, None] * np.eye(2)
+        gain = minimum.gain.reshape(-1, found.path.shape[1], len(found.parameters))[nodes.frame, :2]
         # σ² = mean α² follows the parameters p by −2 mean sᵀ ∂s/∂p.
         slope = 2 * np.mean(np.einsum("ni,nij->nj", s, gain), axis=0)
         return EstimatedMotion(
@@ -158,7 +224,7 @@ class PendulumSmoother(PathEstimator):
             azimuth=float(np.arctan2(tilt[1], tilt[0]) % (2 * np.pi)),
             tilt_variance=(along, across),
             swing=s,
-            covariance=state_covariances(minimum, STATE)[nodes.frame, :2, :2],
+            covariance=covariance,
             sigma2_variance=float(slope @ minimum.covariance @ slope),
             sigma_across=float(across),
             offset=found.parameters[OFFSET],
@@ -171,7 +237,7 @@ class PendulumSmoother(PathEstimator):
                 "rounds": found.rounds,
                 "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
             }
-            | (_of_jib(found) if self.controller is not None else {}),
+            | (_of_jib(found) if jib.moves else {}),
         )
 
     def _state(self, frames: Frames, motion: EstimatedMotion) -> Estimates:
@@ -195,6 +261,7 @@ def _of_jib(found: PendulumFit) -> dict[str, float]:
     return {
         "wind": float(np.hypot(*p[WIND])),
         "longer_m": p[LONGER],
+        "reach_m": p[REACH],
         "clock_s": p[CLOCK],
         "follows": p[FOLLOWS],
         "levelling_hz": np.exp(p[FREQUENCY]) / (2 * np.pi),

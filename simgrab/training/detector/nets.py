@@ -92,6 +92,7 @@ class Pose(nn.Module):
         self.trunk, self.pyramid = Trunk(), _Pyramid(CELL)
         self.place = nn.Conv2d(POSE_CHANNELS - 3, CHANNELS[ENTRANCE], ENTRANCE, ENTRANCE)
         nn.init.zeros_(self.place.weight)  # the trunk begins as it was learned
+        assert self.place.bias is not None
         nn.init.zeros_(self.place.bias)
         # The position of the coarsest features shows from which side the grab is seen, and so where its centre is.
         cells = (POSE_SIZE // 32) ** 2

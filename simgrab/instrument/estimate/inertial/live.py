@@ -1,45 +1,50 @@
-"""The inertial estimator frame by frame: a fit of the first minute, and from there an extended Kalman filter."""
+"""The swing frame by frame with an inertial sensor: fits of the last minutes, and from there on the camera's attitude.
+
+Every few seconds a thread smooths the readings again, and now and then fits the tilt. Its result is used from a fixed
+time after that on, so that a run repeats; until then the gyroscope turns the camera on.
+"""
 
 from __future__ import annotations
 
-from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
 
 from simgrab.instrument.estimate import intervals as iv
-from simgrab.instrument.estimate.chain import state_covariances, update
-from simgrab.instrument.estimate.frames import groups, mount_from_camera
-from simgrab.instrument.estimate.inertial.estimator import SLEWING, WIDENING, FilterStart, InertialFusion
-from simgrab.instrument.estimate.inertial.fit import velocity_precision
-from simgrab.instrument.estimate.inertial.model import (
-    ATTITUDE,
-    LEAN,
-    PARAMETERS,
-    REACH,
-    STATE,
-    SWING,
-    VELOCITY,
-    ImuLinks,
-    advance,
-    derivatives_of_advance,
-    derivatives_of_place,
-)
-from simgrab.instrument.estimate.inertial.preintegration import preintegrate, rotation
+from simgrab.instrument.estimate.chain import state_covariances
+from simgrab.instrument.estimate.frames import groups
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
-from simgrab.instrument.estimate.pendulum import DEGREES, NODE_S, of_axes
-from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
+from simgrab.instrument.estimate.inertial.sensed import Sensed, sensed, unfit
+from simgrab.instrument.estimate.pendulum import CLOCK, SCALE, TILT, camera, looked_along, of_tilt
+from simgrab.instrument.estimate.pendulum_smoother import PendulumSmoother
+from simgrab.instrument.estimate.strengths import NOISE
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
-WARM_UP_S, AGAIN_S, MOST_START_S = 60.0, 10.0, 180.0  # how much is fitted first, how soon again, and at most
-LOST_S = 20.0  # without a pixel that agrees with its prediction
-SURPRISE, SURPRISES = 13.8, 3  # squared innovation that one pixel in a thousand has; so many running are the grab's own
-NOT_FREE_S = 10.0  # after which the grab counts as swinging freely again
-NOT_FREE_FAST, NOT_FREE_SD = 0.05, 0.02  # m²/s³, rad: what moves a grab that does not swing freely
-ALL = STATE + PARAMETERS
+WARM_UP_S, AGAIN_S, MOST_S = 60.0, 10.0, 180.0  # how much is fitted first, how soon again, and at most
+FITS = 12  # every so many times the tilt is fitted too
+LOST_S, LEAST_AGREE = 20.0, 0.1  # share of the pixels that moves as a grab can; if it is less, they show none
+MOST_FORCE = 20.0  # m/s², that ropes and cargo give a grab
+PAUSE_S = 60.0  # between frames, after which a run begins anew
+LEAN_SD = 1.5e-3  # rad, chosen, of what the sensor reports of the camera's lean since the last fit
 NOTHING = np.nan, (np.nan, np.nan)
+Kept = tuple[float, tuple[float, float], float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Tilt:
+    """Parameters of a fit, the lean's drift (2,), the pixels' noise, and the times of the first and the last frame.
+
+    ``covariance`` (8, 8) is that of tilt, scale, and drift.
+    """
+
+    parameters: Array
+    drift: Array
+    covariance: Array
+    noise: float
+    first: float
+    last: float
 
 
 @dataclass(eq=False)
@@ -48,7 +53,7 @@ class InertialTracker:
 
     Parameters
     ----------
-    fusion : InertialFusion
+    smoother : PendulumSmoother
         Estimator with the readings; only readings before a frame are used for it.
     calibration : Calibration
 
@@ -56,20 +61,29 @@ class InertialTracker:
     ----------
     waiting : str
         Why there is no swing yet; empty once there is one.
+    direction : ndarray, shape (2,)
+        Horizontal part of the unit direction OA in the last frame, level frame; NaN without a swing.
     """
 
-    fusion: InertialFusion
+    smoother: PendulumSmoother
     calibration: Calibration
     waiting: str = field(init=False, default="")
-    _kept: list[tuple[float, tuple[float, float], float]] = field(init=False, default_factory=list)
-    _filter: _Filter | None = field(init=False, default=None)
-    _due: float = field(init=False, default=WARM_UP_S)
+    direction: Array = field(init=False, default_factory=lambda: np.full(2, np.nan))
+    _kept: list[Kept] = field(init=False, default_factory=list)
+    _now: tuple[Sensed, _Tilt] | None = field(init=False, default=None)
+    _next: Future[tuple[Sensed, _Tilt] | str] | None = field(init=False, default=None)
+    _due: float = field(init=False, default=np.nan)
+    _last: float = field(init=False, default=np.nan)
+    _places: list[tuple[float, Array]] = field(init=False, default_factory=list)
+    _agree: list[tuple[float, bool]] = field(init=False, default_factory=list)
+    _jobs: int = field(init=False, default=0)
     _refused: str = field(init=False, default="")
+    _thread: ThreadPoolExecutor = field(init=False, default_factory=lambda: ThreadPoolExecutor(1))
 
     @property
-    def direction(self) -> Array:
-        """Horizontal part of the unit direction OA in the last frame, level frame, shape (2,); NaN without a swing."""
-        return np.full(2, np.nan) if self._filter is None else self._filter.direction
+    def _imu(self) -> ImuReadings:
+        assert self.smoother.imu is not None
+        return self.smoother.imu
 
     def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
         """Process a frame.
@@ -90,157 +104,114 @@ class InertialTracker:
         ends : tuple of 2 floats
             Ends of its 95 % interval.
         """
-        filter_ = self._filter
-        if filter_ is None:
-            return self._collect(time, pixel, rope)
-        reason = self.fusion.unfit(np.array([filter_.time, time]), self.fusion.readings.between(filter_.time, time))
-        if reason or filter_.lost:
-            self._refused = reason or f"for {LOST_S:.0f} s no pixel agreed with the sensor"
-            self._filter, self._due, self._kept = None, WARM_UP_S, []
-            return self._collect(time, pixel, rope)
+        imu = self._imu
+        before, self._last = time if np.isnan(self._last) else self._last, time
+        if time - before > PAUSE_S:
+            self._begin_anew(f"no frame for {time - before:.1f} s; at most {PAUSE_S:g} s")
+        elif reason := unfit(np.array([before, time]), imu):
+            self._begin_anew(reason)
+        elif self._lost(time):
+            self._begin_anew(f"for {LOST_S:.0f} s hardly a pixel agreed with the sensor")
         usable = pixel is not None and np.isfinite(rope)
-        filter_.step(time, _place(pixel, self.calibration) if pixel is not None and usable else None, float(rope))
-        return filter_.swing() if usable else NOTHING
+        if pixel is not None and usable:
+            self._kept.append((time, pixel, rope))
+        if self._kept and np.isnan(self._due):
+            self._due = self._kept[0][0] + WARM_UP_S
+        if self._kept and time >= self._due:
+            self._exchange(time)
+        self.direction = np.full(2, np.nan)
+        if self._now is None:
+            past = time - self._kept[0][0] if self._kept else 0.0
+            self.waiting = f"no tilt yet: {past:.0f} s of {WARM_UP_S:.0f}" + f" ({self._refused})" * bool(self._refused)
+            return NOTHING
+        self.waiting = ""
+        return self._swing(time, pixel, rope) if pixel is not None and usable else NOTHING
 
-    def _collect(
-        self, time: float, pixel: tuple[float, float] | None, rope: float
-    ) -> tuple[float, tuple[float, float]]:
-        """Keep a frame for the first fit, and fit when the time has come."""
-        if pixel is not None and np.isfinite(rope):
-            self._kept.append((time, pixel, float(rope)))
-        past = time - self._kept[0][0] if self._kept else 0.0
-        if past >= self._due and self._kept[-1][0] == time:
-            started = self._start()
-            if isinstance(started, _Filter):
-                self._filter, self.waiting, self._refused = started, "", ""
-                return started.swing()
-            self._refused = started
-            self._kept = [frame for frame in self._kept if frame[0] >= time - MOST_START_S]
-            past = time - self._kept[0][0]
-            self._due = past + AGAIN_S
-        self.waiting = f"no tilt yet: {past:.0f} s of {self._due:.0f}" + f" ({self._refused})" * bool(self._refused)
-        return NOTHING
+    def _begin_anew(self, reason: str) -> None:
+        self._refused, self._now, self._next, self._kept, self._due, self._jobs = reason, None, None, [], np.nan, 0
+        self._places, self._agree = [], []
 
-    def _start(self) -> _Filter | str:
-        """Fit the record so far."""
-        time, pixels, rope = (np.array(column) for column in zip(*self._kept, strict=True))
+    def _exchange(self, time: float) -> None:
+        """Take over what the thread found, and give it the record so far."""
+        self._take()
+        self._due = time + AGAIN_S
+        fits = self._jobs % FITS == 0
+        tilt = None if fits or self._now is None else self._now[1]
+        first = time - MOST_S if tilt is None else tilt.first
+        self._kept = [frame for frame in self._kept if frame[0] >= first]
+        if len(self._kept) < self.smoother.parameters:
+            return
+        self._jobs += 1
+        self._next = self._thread.submit(self._job, list(self._kept), tilt, time)
+        if self._now is None:  # there is no swing without it
+            self._take()
+
+    def _take(self) -> None:
+        if self._next is None:
+            return
+        found, self._next, self._refused = self._next.result(), None, ""
+        if isinstance(found, str):
+            self._now, self._jobs, self._refused = None, 0, found
+        else:
+            self._now = found
+
+    def _job(self, kept: list[Kept], tilt: _Tilt | None, now: float) -> tuple[Sensed, _Tilt] | str:
+        """Smooth the readings of a record, and fit it if there is no tilt."""
+        time, pixels, rope = (np.array(column) for column in zip(*kept, strict=True))
+        imu = self._imu.between(time[0], now)
+        if tilt is not None:
+            return sensed(imu, self.calibration), tilt
         (frames,) = groups(pixels[None], rope[None], time, self.calibration)
-        begun = self.fusion.start(frames, self.calibration, self.fusion.readings.between(time[0] - 1, time[-1]))
-        return begun if isinstance(begun, str) else _Filter(self.fusion, self.calibration, begun)
+        solved = self.smoother.solve(frames, self.calibration, imu)
+        if isinstance(solved, str):
+            return solved
+        assert solved.sensed is not None
+        fit = solved.fit
+        parameters, size = fit.parameters.copy(), fit.path.shape[1]
+        parameters[CLOCK] = 0.0
+        last = state_covariances(fit.minimum, size)[-1, 6:, 6:]
+        gain = fit.minimum.gain.reshape(-1, size, len(parameters))[-1, 6:]
+        both, some = fit.minimum.covariance, np.r_[TILT, SCALE]
+        crossed = -gain @ both[:, some]
+        covariance = np.block([[both[np.ix_(some, some)], crossed.T], [crossed, last]])
+        return solved.sensed, _Tilt(
+            parameters, fit.path[-1, 6:], covariance, float(np.exp(fit.strengths[NOISE])), *time[[0, -1]].tolist()
+        )
 
-
-class _Filter:
-    """State and parameters together, `ALL` numbers, and their covariance."""
-
-    def __init__(self, fusion: InertialFusion, calibration: Calibration, begun: FilterStart) -> None:
-        path, minimum = begun.fit.path, begun.fit.minimum
-        self._imu: ImuReadings = fusion.readings.without_excess(begun.excess)
-        self._fusion, self._priors, self._rest = fusion, begun.priors, begun.rest
-        self._offset_sd = calibration.offset_sd_m
-        self._mount_from_camera = mount_from_camera(calibration)
-        self.time, self._rope = float(begun.data.time[-1]), float(begun.data.rope[-1])
-        self._length = begun.data.links.length
-        self._attitude, self._state, self._parameters = path.attitude[-1], path.state[-1], path.parameters
-        self._strengths = path.strengths
-        last = state_covariances(minimum, STATE)[-1]
-        crossed = -minimum.gain.reshape(-1, STATE, PARAMETERS)[-1] @ minimum.covariance
-        self._covariance = np.block([[last, crossed], [crossed.T, minimum.covariance]])
-        self._surprises: deque[float] = deque(maxlen=SURPRISES)
-        self._held_until, self._disagrees_since = -np.inf, np.inf
-
-    @property
-    def lost(self) -> bool:
-        """Whether no pixel has agreed with its prediction for so long that the state is wrong."""
-        return self.time - self._disagrees_since > LOST_S
-
-    @property
-    def direction(self) -> Array:
-        """Horizontal part of the unit direction OA, level frame."""
-        return self._state[SWING]
-
-    def swing(self) -> tuple[float, tuple[float, float]]:
-        """Give α and the ends of its interval."""
-        s = self._state[SWING]
-        sine = float(np.hypot(*s))
-        along, across = iv.split(self._covariance[SWING, SWING], s)
-        along = along + (sine * self._offset_sd / self._rope) ** 2
+    def _swing(self, time: float, pixel: tuple[float, float], rope: float) -> tuple[float, tuple[float, float]]:
+        assert self._now is not None
+        motion, tilt = self._now
+        if time > motion.motion.time[-1]:
+            motion = motion.later(self._imu, time, self.calibration)
+            self._now = motion, tilt
+        (frames,) = groups(np.array([[pixel]]), None, None, self.calibration)
+        turn, offset = camera(tilt.parameters, np.array([time]), motion.motion, tilt.drift)
+        (self.direction,) = looked_along(turn, frames.places()[1], np.array([rope]), offset)
+        sine = float(np.hypot(*self.direction))
+        self._compare(time, rope * self.direction, rope * tilt.noise)
+        by = np.hstack([of_tilt(motion.motion.at(np.array([time]))[0, 4:])[:, np.r_[TILT, SCALE]], np.eye(2)])
+        since = max(time - tilt.last, 0.0) * motion.motion.drift**2
+        own = np.eye(2) * (tilt.noise**2 + LEAN_SD**2 + since)
+        along, across = iv.split(by @ tilt.covariance @ by.T + own, self.direction)
+        along = along + (sine * self.calibration.offset_sd_m / rope) ** 2
         alpha = float(np.arcsin(min(sine, 1.0)))
-        quantile = iv.student(self._fusion.intervals.level, np.inf) * WIDENING
+        quantile = iv.student(self.smoother.intervals.level, np.inf)
         low, high = iv.radial(np.array(alpha), along, across, quantile)
         return alpha, (float(low), float(high))
 
-    def step(self, time: float, place: Array | None, rope: float) -> None:
-        """Advance to a frame, and update with its pixel if there is one."""
-        rope = rope if np.isfinite(rope) else self._rope
-        parts = max(int(np.ceil((time - self.time) / NODE_S - 1e-9)), 1)
-        nodes = np.linspace(self.time, time, parts + 1)
-        ropes = np.linspace(self._rope, rope, parts + 1)
-        summed = preintegrate(nodes, self._imu.between(nodes[0] - 1, nodes[-1]), self._mount_from_camera)
-        for i in range(parts):
-            one = slice(i, i + 1)
-            links = ImuLinks.of(summed.part(one), ropes[i : i + 2], self._length)
-            self._predict(links, float(nodes[i]))
-            self._stand(links)
-        self.time, self._rope = time, rope
-        if place is not None:
-            self._see(place, time)
+    def _compare(self, time: float, place: Array, noise: float) -> None:
+        """Note whether a grab can have moved by way of the last three places (2,), m, which pixels err by a noise."""
+        self._places = [*self._places[-2:], (time, place)]
+        if len(self._places) == 3:
+            times, places = (np.array(column) for column in zip(*self._places, strict=True))
+            step = np.diff(times)
+            turn = np.hypot(*np.diff(np.diff(places, axis=0) / step[:, None], axis=0)[0])
+            agrees = turn < MOST_FORCE * step.mean() + 4 * noise * np.sum(1 / step)
+            self._agree.append((time, bool(agrees)))
 
-    def _predict(self, links: ImuLinks, now: float) -> None:
-        attitude, state = self._attitude[None], self._state[None]
-        ahead, moved = advance(attitude, state, self._parameters, links)
-        _, by_state, by_parameter = derivatives_of_advance(
-            np.concatenate([attitude, ahead]), np.concatenate([state, moved]), self._parameters, links
-        )
-        carry = np.block([[by_state[0], by_parameter[0]], [np.zeros((PARAMETERS, STATE)), np.eye(PARAMETERS)]])
-        added = scipy.linalg.block_diag(self._noise(links, now), np.zeros((PARAMETERS, PARAMETERS)))
-        self._covariance = carry @ self._covariance @ carry.T + added
-        self._attitude, self._state = ahead[0], moved[0]
-
-    def _noise(self, links: ImuLinks, now: float) -> Array:
-        """Covariance (16, 16) that a step adds."""
-        held = now < self._held_until
-        fast = NOT_FREE_FAST if held else float(np.exp(self._strengths[FAST]))
-        slow = NOT_FREE_SD if held else float(np.exp(self._strengths[SLOW]))
-        of_pendulum = of_axes(links.fast * fast, SWING.start, STATE) + of_axes(links.slow * slow**2, LEAN.start, STATE)
-        return np.asarray(of_pendulum[0] + np.diag(self._priors.walk**2 * links.step))
-
-    def _stand(self, links: ImuLinks) -> None:
-        """Update with the prior of the jib head's velocity, as the fit does."""
-        velocity, resting = self._state[VELOCITY], np.abs(links.imu.rate[:, 2] - self._rest) < SLEWING
-        precision = float(velocity_precision(velocity[None], resting, links.step)[0])
-        jacobian = np.zeros((2, ALL))
-        jacobian[:, VELOCITY] = np.eye(2)
-        self._update(jacobian, -velocity, np.eye(2) / precision)
-
-    def _see(self, place: Array, now: float) -> None:
-        at, by_state, by_parameter = derivatives_of_place(
-            self._attitude[None], self._state[None], self._parameters, np.array([self._rope])
-        )
-        jacobian, error = np.concatenate([by_state[0], by_parameter[0]], axis=-1), place - at[0]
-        noise = np.eye(2) * float(np.exp(2 * self._strengths[NOISE]))
-        surprise = float(error @ np.linalg.solve(jacobian @ self._covariance @ jacobian.T + noise, error))
-        self._surprises.append(surprise)
-        self._disagrees_since = min(self._disagrees_since, now) if surprise > SURPRISE else np.inf
-        if len(self._surprises) == SURPRISES and min(self._surprises) > SURPRISE:
-            # So many outliers running are none: the grab does not swing freely.
-            self._held_until = now + NOT_FREE_S
-            loose = np.arange(SWING.start, LEAN.stop)
-            self._covariance[loose, loose] += NOT_FREE_SD**2
-        else:
-            noise = noise * (DEGREES + surprise) / (DEGREES + 2)
-        self._update(jacobian, error, noise)
-
-    def _update(self, jacobian: Array, error: Array, noise: Array) -> None:
-        change, self._covariance = update(self._covariance, jacobian, error, noise)
-        beyond = self._parameters[REACH] + change[STATE + REACH]
-        if beyond > 0:  # as the fit does
-            change = change - beyond * self._covariance[STATE + REACH] / self._covariance[STATE + REACH, STATE + REACH]
-        self._attitude = self._attitude @ rotation(change[ATTITUDE])
-        self._state = self._state + change[:STATE]
-        self._state[ATTITUDE] = 0
-        self._parameters = self._parameters + change[STATE:]
-
-
-def _place(pixel: tuple[float, float], calibration: Calibration) -> Array:
-    (frames,) = groups(np.array([[pixel]]), None, None, calibration)
-    return np.asarray(frames.places()[1][0])
+    def _lost(self, time: float) -> bool:
+        """Whether hardly a pixel of the last `LOST_S` moved as a grab can."""
+        if not self._agree or self._agree[0][0] > time - LOST_S:
+            return False
+        self._agree = [one for one in self._agree if one[0] > time - LOST_S - 1]
+        return bool(self._agree) and float(np.mean([agrees for _, agrees in self._agree])) < LEAST_AGREE
