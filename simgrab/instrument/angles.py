@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
-from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
 from simgrab.instrument.forecast import Forecast, Forecaster, forecast, joined
@@ -111,9 +110,8 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
 
 
 def forecasts(
-    forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float,
-    controller: Controller | None = None,
-) -> Forecast | None:  # fmt: skip
+    forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float
+) -> Forecast | None:
     """Forecast from each frame and those before it; None for independent frames.
 
     Parameters
@@ -128,15 +126,13 @@ def forecasts(
     ends : ndarray, shape (n, 2)
         Its intervals.
     focal_px : float
-    controller : Controller, optional
-        Of its readings those up to each frame are used.
     """
     if record.time is None or not len(alpha):
         return None
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
     sd = record.direction_sd(focal_px)
     rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], strict=True)
-    states = [forecaster.step(*row, None if controller is None else controller.motion(row[0])) for row in rows]
+    states = [forecaster.step(*row) for row in rows]
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])
     parts = [slice(i, i + AT_ONCE) for i in range(0, len(states), AT_ONCE)]
     return joined([forecast(joined(states[part]), np.nan_to_num(tilt_sd[part])) for part in parts])

@@ -21,9 +21,6 @@ BLOCK_S = 20.0  # within which errors of readings depend on each other
 MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
-RADIUS_M = 25.0  # where no radius is reported
-MOTION_S, LEAST_MOTION, MOST_MOTION_S = 1.5, 5, 2.5
-"""The jib's motion follows from the readings of so long, at least so many, none of them older than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,33 +75,6 @@ class Controller:
         assert self.rope is not None
         held = np.where(time <= self.time[-1] + self.hold_s, np.minimum(time, self.time[-1]), time)
         return np.interp(held, self.time, self.rope, np.nan, np.nan)
-
-    def motion(self, now: float) -> Array | None:
-        """Acceleration of O, jib frame, m/s², and slewing rate, rad/s, from readings up to a moment: shape (1, 3).
-
-        Parabolas are fitted to the last seconds. None without recent readings of slewing or luffing.
-        """
-        last = int(np.searchsorted(self.time, now, side="right"))
-        first = min(int(np.searchsorted(self.time, now - MOTION_S)), last - LEAST_MOTION)
-        time = self.time[max(first, 0) : last] - now
-
-        def fitted(values: Array | None) -> Array | None:
-            """Value, rate and acceleration."""
-            if values is None:
-                return None
-            recent = values[max(first, 0) : last]
-            known = np.isfinite(recent)
-            if known.sum() < LEAST_MOTION or time[known][0] < -MOST_MOTION_S or time[known][-1] < -MOTION_S:
-                return None
-            powers = np.vander(time[known], 3, increasing=True) * (1.0, 1.0, 0.5)
-            return np.asarray(np.linalg.lstsq(powers, recent[known], rcond=None)[0])
-
-        slewing, luffing = fitted(self.slew), fitted(self.radius)
-        if slewing is None and luffing is None:
-            return None
-        _, turning, speeding = np.zeros(3) if slewing is None else slewing
-        radius, out, outward = np.array([RADIUS_M, 0.0, 0.0]) if luffing is None else luffing
-        return np.array([[outward - radius * turning**2, radius * speeding + 2 * out * turning, turning]])
 
     def shifted(self, clock: ClockOffset) -> Controller:
         """Apply the offset of the clock."""

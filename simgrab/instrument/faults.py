@@ -63,7 +63,7 @@ class FaultWatch:
         self._silent, self._stopped = "", False
         self._begun: float | None = None
         self._time = self._level = self._settled = np.nan
-        self._swing = Forecaster()  # without the controller, whose motion comes late and would look like jumps
+        self._swing = Forecaster()
         self._moved: Forecaster | None = None  # after a jump, as if the camera had been knocked
         self._jump, self._seen = np.zeros(2), list[bool]()
         self.since = 0.0

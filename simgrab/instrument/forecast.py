@@ -26,7 +26,7 @@ FIXED[pendulum.DAMPING] = 0.005
 FAST = 2e-3  # m²/s³, white acceleration: gusts
 SLOW = 0.03  # rad, forcing that lasts: a jib head that speeds up at 0.3 m/s²
 TURNING = 0.05  # rad/s, standard deviation of a turning rate that nobody reports: 0.5 rpm
-REPORTED = 0.25  # share of both that is left while a controller reports the jib's motion
+REPORTED = 0.25  # share of both that is left where a controller reports the jib's motion
 SWING = 0.07  # rad per axis, standard deviation of the amplitude at first
 HOIST_S = 0.7  # over which the hoist's speed is averaged
 UNSEEN = 1e6  # variance of a place that was not seen
@@ -98,10 +98,12 @@ class Forecaster:
     """
 
     def __init__(self, records: int = 1) -> None:
-        self.state, self._time, self._informed = State.before(records), -np.inf, False
+        self.state, self._time = State.before(records), -np.inf
         self.error, self.error_sd = np.zeros((records, 2)), np.full(records, np.inf)
 
-    def step(self, time: float, swing: Array, sd: Array | float, rope: Array, reported: Array | None = None) -> State:
+    def step(
+        self, time: float, swing: Array, sd: Array | float, rope: Array, reported: Array | None = None
+    ) -> State:  # fmt: skip
         """Process a frame.
 
         Parameters
@@ -116,7 +118,7 @@ class Forecaster:
             |OA|, m; NaN where it is not known.
         reported : ndarray, shape (k, 3), optional
             What the crane's controller reports: acceleration of O, jib frame, m/s², and slewing rate,
-            counter-clockwise, rad/s. Without it the motion goes on as last reported, and becomes uncertain.
+            counter-clockwise, rad/s.
 
         Returns
         -------
@@ -128,21 +130,16 @@ class Forecaster:
         rope = np.where(np.isfinite(rope), rope, last.rope)
         seen = np.isfinite(swing).all(axis=-1) & np.isfinite(rope)
         first = np.isnan(last.rope)
-        mean, covariance, hoist = last.mean.copy(), last.covariance, last.hoist
-        forced = np.zeros_like(last.reported)
+        forced = last.reported
         if reported is not None:
             forced = np.column_stack([-reported[:, :2] / GRAVITY, reported[:, 2]])
-        informed = reported is not None
-        if informed != self._informed:  # what was unknown is reported now, or no longer
-            mean[:, 4:] += last.reported - forced
-        self._informed = informed
+        mean, covariance, hoist = last.mean, last.covariance, last.hoist
         if not first.all():
             before, after = (np.where(first, LENGTH, r) for r in (last.rope, rope))
             hoist = hoist + (1 - np.exp(-seconds / HOIST_S)) * ((after - before) / seconds - hoist)
             mean, covariance = _predicted(
-                mean, covariance, forced, REPORTED if informed else 1.0,
-                np.linspace(before, after, _parts(seconds)), seconds,
-            )  # fmt: skip
+                mean, covariance, forced, np.linspace(before, after, _parts(seconds)), seconds
+            )
         mean[first], hoist[first] = 0, 0
         of_p = SWING * np.sqrt(GRAVITY) * np.where(seen, rope, 0.0) ** 1.5 / LENGTH**2
         one = np.ones_like(of_p)
@@ -221,12 +218,11 @@ def _repeated(links: Links, times: int) -> Links:
     return Links(step, before, after, links.length)
 
 
-def _predicted(
-    mean: Array, covariance: Array, forced: Array, unknown: float, ropes: Array, seconds: float
-) -> tuple[Array, Array]:
+def _predicted(mean: Array, covariance: Array, forced: Array, ropes: Array, seconds: float) -> tuple[Array, Array]:
     """Mean and covariance after the steps between rope lengths (parts + 1, k)."""
     h = np.full(ropes.shape[1], seconds / (len(ropes) - 1))
     changes = np.concatenate([np.zeros((1, STATE)), 1e-6 * np.eye(STATE), -1e-6 * np.eye(STATE)])
+    unknown = REPORTED if forced.any() else 1.0
     for before, after in itertools.pairwise(ropes):
         links = Links(h, before, after, LENGTH)
         x = mean.copy()

@@ -228,9 +228,7 @@ class Pipeline:
         ahead_s = None
         if estimate is None or not (estimator.needs_imu or estimator is not chosen):  # whose cameras move
             # Forecasts rest on the tilt of all of the record, but on no later frames.
-            ahead_s = angles.forecasts(
-                Forecaster(), record, swing, alpha, ends, calibration.focal_length_px, controller
-            )
+            ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
         return MeasuredRecord(record, angles.measurements(record, alpha, ends, ahead=ahead_s), estimate, tilt, clock)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
@@ -276,7 +274,7 @@ class Pipeline:
                     by = swing - angles.by_tilt(newest, before, calibration)[2]
                     forecaster.shift(by)
                     watch.shift(by)
-            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px, controller)
+            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px)
             (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s)
             watch.frame(frame, measured)
             if self.feed is not None:

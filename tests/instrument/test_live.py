@@ -1,6 +1,5 @@
 """A live run for hours: faults are found and reported, the controller's file is followed, memory is bounded."""
 
-import dataclasses
 import socket
 import sys
 import threading
@@ -15,7 +14,6 @@ from simgrab.errors import RecordError
 from simgrab.instrument import angles, video
 from simgrab.instrument import pipeline as rooms
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.controller import Controller
 from simgrab.instrument.controller_feed import ControllerFeed
 from simgrab.instrument.estimate import MeanRay
 from simgrab.instrument.faults import FaultWatch
@@ -29,7 +27,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parent))
 import swinging
 from films import film
-from test_controller_fusion import controller, course
 from test_pipeline import Scripted, frames_of, made
 
 AT, SHIFT_PX = 150, 40.0  # frame of a knock, and how far it moves the picture: 1.5°
@@ -126,7 +123,6 @@ def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
         found |= dict.fromkeys([i] * bool(news := watch.found(now)), news)
         if i in (60, 290, 480, 599):
             assert reported.rope_at(np.array([now]))[0] == pytest.approx(20 + now / 10, abs=0.05)
-            assert reported.motion(now)[0, 2] == pytest.approx(np.radians(1), rel=0.05)
     assert np.isnan(reported.rope_at(np.array([now + 2]))[0])
     assert [fault.kind for (fault,) in found.values()] == ["controller"] * 3
     jumped, stopped, again = found
@@ -140,34 +136,6 @@ def test_a_file_that_cannot_be_followed_is_refused(tmp_path):
     path.rename(tmp_path / "crane.parquet")
     with pytest.raises(RecordError, match="cannot be followed"):
         ControllerFeed(tmp_path / "crane.parquet")
-
-
-def test_the_jibs_motion_follows_from_readings_before():
-    time, jib, velocity = course()
-    reported = controller(time, jib)
-    at = np.arange(6.0, 78.0, 0.5)
-    heading = np.interp(at, time, jib[:, 0])
-    x, y = (np.interp(at, time, np.gradient(v, time)) for v in velocity.T)
-    truth = np.stack([np.cos(heading) * x + np.sin(heading) * y, np.cos(heading) * y - np.sin(heading) * x], -1)
-    found = np.concatenate([reported.motion(t) for t in at])
-    assert np.sqrt(np.mean((found[:, :2] - truth) ** 2)) < 0.5 * np.sqrt(np.mean(truth**2))
-    rate = np.gradient(jib[:, 0], time)
-    np.testing.assert_allclose(found[:, 2], np.interp(at, time, rate), atol=0.006)
-    before = reported.time <= 30
-    cut = dataclasses.replace(reported, **{k: getattr(reported, k)[before] for k in ("time", "slew", "radius")})
-    np.testing.assert_array_equal(cut.motion(30.0), reported.motion(30.0))
-    assert cut.motion(40.0) is None
-
-
-def test_slewing_that_is_reported_enters_the_live_forecast_until_it_stops(crane):
-    seen = crane.observations(1.0)[:120]
-    tilt = made().conclude(seen, crane.calibration).tilt
-    data = Controller(crane.time[:60], np.round(crane.jib[:60, 0], 4), crane.jib[:60, 1], None, 1e-4, 1e-3, 0.0)
-    blind, told = (lives(seen, crane.calibration, tilt=tilt, controller=one) for one in (None, data))
-    assert blind[50].measurement.peak_high != told[50].measurement.peak_high
-    assert blind[50].measurement.alpha == told[50].measurement.alpha
-    assert told[-1].measurement.status == "ok"
-    assert blind[-1].measurement.peak == pytest.approx(told[-1].measurement.peak, abs=0.01)
 
 
 def test_a_lost_stream_is_connected_again_and_a_jump_of_its_stamps_is_no_gap(tmp_path, monkeypatch):
