@@ -89,7 +89,7 @@ def main(
 
 def _readings(
     time: Array, jib: Array, rng: np.random.Generator, rate_hz: float, slew_deg: float, radius_m: float, lag_s: float,
-    dropout: float, gap_s: float = 0.0,
+    dropout: float, gap_s: float,
 ) -> Controller:  # fmt: skip
     """Read the jib's slew angle and radius (n, 2) at times (n,) as a controller does."""
     at, steps = np.arange(time[0], time[-1], 1 / rate_hz), np.array([np.radians(slew_deg), radius_m])

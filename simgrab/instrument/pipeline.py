@@ -76,11 +76,10 @@ class Pipeline:
     reader : Reader or None
     estimator : Estimator or None
         By default `RopeAware` if a display or the controller states the rope's length, because the camera hangs beside
-        the rope exit. With
-        that offset of 0.6 m, known to 5 cm, `RopeAware` errs by 0.17° in five minutes of calm working cycles;
-        estimators without the rope's length err by 0.6° and more (docs/results/estimators.md). `PendulumSmoother` errs
-        by 0.16°, takes a second or two, and cannot work frame by frame; it is the default for a whole record whose
-        controller reports slewing or luffing. Without a rope length the default is `MeanRay`.
+        the rope exit. With that offset of 0.6 m, known to 5 cm, `RopeAware` errs by 0.17° in five minutes of calm
+        working cycles; estimators without the rope's length err by 0.6° and more (docs/results/estimators.md).
+        `PendulumSmoother` errs by 0.16°, takes a second or two, and cannot work frame by frame; it is the default for a
+        whole record whose controller reports slewing or luffing. Without a rope length the default is `MeanRay`.
     calibrate_s : float or None
         Seconds at the beginning from which the tilt is estimated; None for the whole record, as in the paper.
     tilt : Known or None

@@ -347,7 +347,7 @@ def test_frame_by_frame_from_the_first_minute_on(crane):
     assert np.mean((ends[seen, 0] <= crane.alpha[seen]) & (crane.alpha[seen] <= ends[seen, 1])) > 0.85
 
 
-def test_pixels_that_move_as_no_grab_can_begin_a_run_anew(crane, monkeypatch):
+def test_a_run_starts_again_where_pixels_move_as_no_grab_can(crane, monkeypatch):
     monkeypatch.setattr(live, "LOST_S", 3.0)
     tracker = InertialTracker(PendulumSmoother(imu=readings()), crane.calibration)
     wrong = np.where(np.arange(FRAMES)[:, None] < 560, 0.0, np.random.default_rng(5).uniform(-400, 400, (FRAMES, 2)))
@@ -358,7 +358,7 @@ def test_pixels_that_move_as_no_grab_can_begin_a_run_anew(crane, monkeypatch):
     assert "for 3 s hardly a pixel agreed with the sensor" in tracker.waiting
 
 
-def test_a_run_begins_anew_after_a_pause_and_goes_on_while_the_grab_is_out_of_sight(crane, monkeypatch):
+def test_a_run_starts_again_after_a_pause_and_goes_on_while_the_grab_is_out_of_sight(crane, monkeypatch):
     monkeypatch.setattr(live, "PAUSE_S", 5.0)
     imu = readings()
     for paused in (True, False):

@@ -34,7 +34,7 @@ class JibMotion:
     time : ndarray, shape (m,)
         A grid.
     course : ndarray, shape (m, 6)
-        Heading, rad; radius minus its mean, m; velocity of O, m/s (2); lean of the camera as far as a sensor tells, rad
+        Heading, rad; radius minus its mean, m; velocity of O, m/s (2); lean of the camera that a sensor reports, rad
         (2, jib frame).
     drift : float
         Random walk of the error of this lean, rad/√s per axis.

@@ -194,12 +194,12 @@ def advance(x: Array, parameters: Array, links: Links, acceleration: Array | flo
 
 
 def sensed_lean(parameters: Array, course: Array) -> Array:
-    """Lean (k, 2) of the camera that a sensor told in a course (k, 6), without the error of its scale."""
-    return np.asarray(course[:, 4:] @ (np.eye(2) + parameters[SCALE].reshape(2, 2)).T)
+    """Lean (…, 2) of the camera that a sensor reports in a course (…, 6), without the error of its scale."""
+    return np.asarray(course[..., 4:] @ (np.eye(2) + parameters[SCALE].reshape(2, 2)).T)
 
 
 def of_tilt(lean: Array) -> Array:
-    """Differentiate by the parameters, (2, 20), the camera's lean where a sensor told a lean (2,)."""
+    """Differentiate by the parameters, (2, 20), the camera's lean where a sensor reports a lean (2,)."""
     by = np.zeros((2, PARAMETERS))
     by[:, TILT], by[:, SCALE] = np.eye(2), np.kron(np.eye(2), lean)
     return by

@@ -207,9 +207,9 @@ class PendulumSmoother(PathEstimator):
 
     def _found(self, solved: Solved, focal_px: float) -> EstimatedMotion:
         nodes, found, jib = solved.nodes, solved.fit, solved.jib
-        leans, minimum = sensed_lean(found.parameters, jib.at(nodes.time)), found.minimum
-        tilt = found.parameters[TILT] + leans.mean(axis=0)
-        by_lean = of_tilt(jib.at(nodes.time)[:, 4:].mean(axis=0))
+        course, minimum = jib.at(nodes.time).mean(axis=0), found.minimum
+        tilt = found.parameters[TILT] + sensed_lean(found.parameters, course)
+        by_lean = of_tilt(course[4:])
         along, across = iv.split(by_lean @ minimum.covariance @ by_lean.T, tilt)
         s = found.path[nodes.frame, :2]
         covariance = state_covariances(minimum, found.path.shape[1])[nodes.frame, :2, :2]

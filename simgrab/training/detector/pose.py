@@ -191,7 +191,7 @@ def loss(out: Tensor, batch: Batch) -> Tensor:
     scales = torch.cat([out[:, EDGE_SCALES], out[:, CENTRE_SCALES]], 1)
     unsure = (_surprise(miss.detach(), scales) + scales) * known
     turned, there = batch["turned"], batch["present"]
-    yaw_known = there * (turned != 0).any(1).float()  # of which the yaw is known
+    yaw_known = there * (turned != 0).any(1).float()
     unit = normalize(out[:, YAW], dim=1, eps=1e-3)
     off = (1 - (unit * turned).sum(1)) * yaw_known
     # 1 − cos δ gives |δ| where it is small, and stays finite where it is not.

@@ -26,7 +26,7 @@ WARM_UP_S, AGAIN_S, MOST_S = 60.0, 10.0, 180.0  # how much is fitted first, how 
 FITS = 12  # every so many times the tilt is fitted too
 LOST_S, LEAST_AGREE = 20.0, 0.1  # share of the pixels that moves as a grab can; if it is less, they show none
 MOST_FORCE = 20.0  # m/s², that ropes and cargo give a grab
-PAUSE_S = 60.0  # between frames, after which a run begins anew
+PAUSE_S = 60.0  # between frames, after which a run starts again
 LEAN_SD = 1.5e-3  # rad, chosen, of what the sensor reports of the camera's lean since the last fit
 NOTHING = np.nan, (np.nan, np.nan)
 Kept = tuple[float, tuple[float, float], float]
@@ -107,11 +107,11 @@ class InertialTracker:
         imu = self._imu
         before, self._last = time if np.isnan(self._last) else self._last, time
         if time - before > PAUSE_S:
-            self._begin_anew(f"no frame for {time - before:.1f} s; at most {PAUSE_S:g} s")
+            self._restart(f"no frame for {time - before:.1f} s; at most {PAUSE_S:g} s")
         elif reason := unfit(np.array([before, time]), imu):
-            self._begin_anew(reason)
+            self._restart(reason)
         elif self._lost(time):
-            self._begin_anew(f"for {LOST_S:.0f} s hardly a pixel agreed with the sensor")
+            self._restart(f"for {LOST_S:.0f} s hardly a pixel agreed with the sensor")
         usable = pixel is not None and np.isfinite(rope)
         if pixel is not None and usable:
             self._kept.append((time, pixel, rope))
@@ -127,7 +127,7 @@ class InertialTracker:
         self.waiting = ""
         return self._swing(time, pixel, rope) if pixel is not None and usable else NOTHING
 
-    def _begin_anew(self, reason: str) -> None:
+    def _restart(self, reason: str) -> None:
         self._refused, self._now, self._next, self._kept, self._due, self._jobs = reason, None, None, [], np.nan, 0
         self._places, self._agree = [], []
 

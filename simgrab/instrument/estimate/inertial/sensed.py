@@ -2,8 +2,8 @@
 
 A chain (`simgrab.instrument.estimate.chain`) of attitude, horizontal velocity and biases, driven by the sensor's noise.
 The jib's speed is bounded, and is 0 while the jib stands, so attitude and velocity do not drift. A bias of the
-accelerometer cannot be told from a tilt of the camera: its first value is taken as 0, so that the attitude is wrong by
-a constant tilt, a parameter of the pendulum's model that the pictures determine.
+accelerometer looks like a tilt of the camera: its first value is taken as 0, so that the attitude is wrong by a
+constant tilt, a parameter of the pendulum's model that the pictures determine.
 """
 
 from __future__ import annotations
