@@ -35,6 +35,11 @@ def _rate(_context: click.Context, _option: click.Parameter, rate: float | None)
     return rate
 
 
+def _report(line: str) -> None:
+    """Print what happens during a live run."""
+    click.echo(printable(line), err=True)
+
+
 @click.command(name="run")
 @click.argument("source")
 @click.option("--camera", type=PATH, help="Camera TOML.  [default: beside or in SOURCE, or that of match]")
@@ -72,6 +77,8 @@ def command(
 ) -> None:  # fmt: skip
     """Measure swing in SOURCE: a video, a stream's URL, a folder of images, or a dataset.
 
+    A live run prints faults as they are found, and begins a new folder OUT-2, OUT-3, ... every hour.
+
     OUT gets angles.parquet and .csv, alarms.json, tilt.toml, run.json, annotated.mp4 and report.html. Exit status: 0 at
     least one frame has an angle, 1 none has (the reason is in OUT), 2 bad input.
     """
@@ -100,11 +107,11 @@ def command(
     else:
         chosen = assemble(
             detector=detector_name, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu,
-            plc=plc,
+            plc=plc, follow="://" in source,
         )  # fmt: skip
     options = RunOptions(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:
-        found = run(source, camera, out, chosen, options, progress)
+        found = run(source, camera, out, chosen, options, progress, None if quiet else _report)
     if as_json:
         facts = {"failure": found.failure, "alarms": alarms(found.events), "out": str(out)}
         click.echo(json.dumps(found.about | facts))

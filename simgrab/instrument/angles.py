@@ -45,6 +45,10 @@ class RecordArrays:
     pixel_sd: Array
     rope: Rope
 
+    def direction_sd(self, focal_px: float) -> Array:
+        """Return the standard deviation of each direction per axis from the pixel alone, rad, shape (n,)."""
+        return np.asarray(np.where(self.pixel_sd > 0, self.pixel_sd, UNSTATED_PX) / focal_px)
+
     def usable(self, *, rope: bool) -> NDArray[np.bool_]:
         """Which frames have a pixel and, where it is needed, a rope length: shape (n,)."""
         found = np.isfinite(self.pixels).all(axis=-1)
@@ -93,16 +97,16 @@ def by_estimate(record: RecordArrays, estimator: Estimator, estimate: Estimate) 
     return alpha, ends
 
 
-def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array]:
-    """Swing (n,) and its intervals (n, 2) under a known tilt."""
+def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array, Array]:
+    """Swing (n,), its intervals (n, 2) and the horizontal part (n, 2) of the direction OA under a known tilt."""
     some = record.usable(rope=tilt.offset_m is not None)
-    alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
+    alpha, ends, direction = np.full(len(some), np.nan), *np.full((2, len(some), 2), np.nan)
     if some.any():
-        alpha[some], ends[some] = follow(
+        alpha[some], ends[some], direction[some] = follow(
             tilt, record.pixels[some], calibration,
             rope_length=None if tilt.offset_m is None else record.rope.length[some], pixel_sd=record.pixel_sd[some],
         )  # fmt: skip
-    return alpha, ends
+    return alpha, ends, direction
 
 
 def forecasts(
@@ -126,7 +130,7 @@ def forecasts(
     if record.time is None or not len(alpha):
         return None
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
-    sd = np.where(record.pixel_sd > 0, record.pixel_sd, UNSTATED_PX) / focal_px
+    sd = record.direction_sd(focal_px)
     rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], strict=True)
     states = [forecaster.step(*row) for row in rows]
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])

@@ -45,6 +45,8 @@ class Controller:
         Standard deviation of what is still unknown of the clock's offset, s.
     notes : tuple of str
         Readings that were refused, with their number and the reason, a line each.
+    hold_s : float
+        How long the rope's length is taken to stay after the last reading.
     """
 
     time: Array
@@ -56,6 +58,7 @@ class Controller:
     rope_sd: float
     clock_sd_s: float = 0.0
     notes: tuple[str, ...] = ()
+    hold_s: float = 0.0
 
     @property
     def reports_motion(self) -> bool:
@@ -70,7 +73,8 @@ class Controller:
     def rope_at(self, time: Array) -> Array:
         """Interpolate the rope's length at times (m,); NaN outside of the readings and in their gaps."""
         assert self.rope is not None
-        return np.interp(time, self.time, self.rope, np.nan, np.nan)
+        held = np.where(time <= self.time[-1] + self.hold_s, np.minimum(time, self.time[-1]), time)
+        return np.interp(held, self.time, self.rope, np.nan, np.nan)
 
     def shifted(self, clock: ClockOffset) -> Controller:
         """Apply the offset of the clock."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -161,8 +162,30 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
         if self.radius and self.luff:
             raise ValueError("luff: leave it out, or radius, which follows from it")
 
+    @property
+    def quantities(self) -> list[Quantity]:
+        """Those that are described."""
+        return [one for one in (self.slew, self.radius, self.luff, self.rope) if one is not None]
 
-def read_controller(path: str | Path, facts: ControllerFacts | None = None) -> Controller:
+    @staticmethod
+    def file_of(quantity: Quantity, path: Path) -> Path:
+        """Return the file of a quantity's column, given the path of the data."""
+        return path.parent / quantity.file if quantity.file else path
+
+
+def describe(path: str | Path) -> tuple[Path, ControllerFacts]:
+    """Return the path of the controller's data, and their description; raises as `read_controller`."""
+    path = Path(path)
+    path = path / DATA if path.is_dir() else path
+    toml = path.with_suffix(DESCRIPTION)
+    return path, convert(
+        read_toml(toml, RecordError, "description of the controller's data"), ControllerFacts, RecordError, toml
+    )
+
+
+def read_controller(
+    path: str | Path, facts: ControllerFacts | None = None, read: Callable[[Path], pa.Table] | None = None
+) -> Controller:
     """Read the controller's data.
 
     Series of different rates are interpolated linearly at the times of the one with most readings, and have a row of
@@ -175,6 +198,8 @@ def read_controller(path: str | Path, facts: ControllerFacts | None = None) -> C
         their files.
     facts : ControllerFacts, optional
         By default read from the TOML file of the same name beside the data.
+    read : callable, optional
+        Reads a file's table; by default all of it.
 
     Raises
     ------
@@ -182,13 +207,9 @@ def read_controller(path: str | Path, facts: ControllerFacts | None = None) -> C
         With one line that names the file, and the key, or the column and the row (the first is 1): for files that
         cannot be read, missing columns, and where more than half of the readings are refused.
     """
-    path = Path(path)
-    path = path / DATA if path.is_dir() else path
     if facts is None:
-        toml = path.with_suffix(DESCRIPTION)
-        facts = convert(
-            read_toml(toml, RecordError, "description of the controller's data"), ControllerFacts, RecordError, toml
-        )
+        path, facts = describe(path)
+    path = Path(path)
     notes: list[str] = []
     files: dict[Path, _Rows] = {}
     series: dict[str, tuple[Array, Array, float]] = {}
@@ -196,11 +217,12 @@ def read_controller(path: str | Path, facts: ControllerFacts | None = None) -> C
         quantity = getattr(facts, name)
         if quantity is None:
             continue
-        file = path.parent / quantity.file if quantity.file else path
+        file = facts.file_of(quantity, path)
         if file.suffix.lower() == DESCRIPTION:
             raise RecordError(f"{path}: {name}.file: is missing: which file the column is in")
         if file not in files:
-            files[file] = _rows(file, facts.time, notes)
+            table = read(file) if read else read_texts(file, [facts.time.column], facts.time.column)
+            files[file] = _rows(file, table, facts.time, notes)
         series["radius" if name == "luff" else name] = _series(files[file], name, quantity, notes)
     grid = max((time for time, _, _ in series.values()), key=len)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
@@ -247,9 +269,8 @@ class _Refusing:
         return np.where(bad, np.nan, values)
 
 
-def _rows(path: Path, clock: ClockColumn, notes: list[str]) -> _Rows:
-    """Read a file and its times, of which the longest increasing sequence is kept."""
-    table = read_texts(path, [clock.column], clock.column)
+def _rows(path: Path, table: pa.Table, clock: ClockColumn, notes: list[str]) -> _Rows:
+    """Read the times of a file's table, of which the longest increasing sequence is kept."""
     if not 2 <= table.num_rows <= MOST_ROWS:
         raise RecordError(f"{path}: {table.num_rows} rows; at least 2 are needed, and at most {MOST_ROWS} are read")
     every = np.arange(table.num_rows)

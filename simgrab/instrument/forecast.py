@@ -87,10 +87,19 @@ class Forecaster:
 
     The axes are those of the jib and turn with it. Slow forcing stands for wind and for unknown acceleration of the jib
     head.
+
+    Attributes
+    ----------
+    state : State
+    error : ndarray, shape (k, 2)
+        Last place seen less the one expected, rad; 0 where nothing was seen.
+    error_sd : ndarray, shape (k,)
+        Its expected standard deviation per axis.
     """
 
     def __init__(self, records: int = 1) -> None:
         self.state, self._time = State.before(records), -np.inf
+        self.error, self.error_sd = np.zeros((records, 2)), np.full(records, np.inf)
 
     def step(
         self, time: float, swing: Array, sd: Array | float, rope: Array, reported: Array | None = None
@@ -138,7 +147,9 @@ class Forecaster:
         covariance[first] = (sds[:, None] * sds[..., None] * np.eye(STATE))[first]
         error = np.where(seen[:, None], swing - mean[:, :2], 0)
         noise = np.where(seen, np.square(sd), UNSEEN)[:, None, None] * np.eye(2)
-        solved = np.linalg.solve(covariance[:, :2, :2] + noise, error[..., None])[..., 0]
+        expected = covariance[:, :2, :2] + noise
+        self.error, self.error_sd = error, np.sqrt(expected.trace(axis1=1, axis2=2) / 2)
+        solved = np.linalg.solve(expected, error[..., None])[..., 0]
         noise = noise * ((DEGREES + np.vecdot(error, solved)) / (DEGREES + 2))[:, None, None]
         change, covariance = update(covariance, np.eye(2, STATE), error, noise)
         self._time, self.state = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -20,7 +21,8 @@ from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, IntervalSettings
-from simgrab.instrument.estimate.follow import Known, directions, known, load
+from simgrab.instrument.estimate.follow import Known, known, load
+from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
@@ -30,6 +32,7 @@ from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate
 
 if TYPE_CHECKING:
+    from simgrab.instrument.controller_feed import ControllerFeed
     from simgrab.instrument.estimate.inertial.live import InertialTracker
 
 T = TypeVar("T")
@@ -39,6 +42,7 @@ WITH_MOTION, WITH_ROPE, WITHOUT = "pendulum-smoother", "rope-aware", DEFAULT
 INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
+KEPT_S = 1200.0  # of a live record
 IMU, PLC = "imu0", "plc"  # among sensors: in the camera's housing, and the crane's controller
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
@@ -88,6 +92,8 @@ class Pipeline:
     controller : Controller or None
         Readings of the crane's controller. Its rope length takes the place of the display's, and an estimator with a
         field ``controller`` gets all of it.
+    feed : ControllerFeed or None
+        Files of readings that a live run follows instead.
     """
 
     detector: Detector
@@ -97,6 +103,7 @@ class Pipeline:
     tilt: Known | None = None
     bridge: Bridge = field(default_factory=Bridge)
     controller: Controller | None = None
+    feed: ControllerFeed | None = None
 
     @property
     def name(self) -> str:
@@ -119,6 +126,7 @@ class Pipeline:
         """
         known = calibration.digit_layout is not None and self.reader is not None
         known = known or (self.controller is not None and self.controller.rope is not None)
+        known = known or (self.feed is not None and self.feed.states_rope)
         if self.estimator is None:
             whole = not live and self.calibrate_s is None and self.tilt is None
             moves = self.controller is not None and self.controller.reports_motion
@@ -201,81 +209,95 @@ class Pipeline:
             ropes = _with_lengths(ropes, controller, time)
         chosen = self.chosen(calibration)
         estimator = _informed(chosen, controller)
-        record = angles.arrays(observations, ropes)
-        if self.tilt is not None:
-            alpha, ends = angles.by_tilt(record, self.tilt, calibration)
-            found = _with_forecasts(record, alpha, ends, self.tilt, calibration)
-            return MeasuredRecord(record, found, None, self.tilt, clock)
-        if self.calibrate_s is not None and record.time is None:
-            raise RunError("independent frames have no first part to calibrate on")
-        estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
-        if not estimate.ok:
-            nothing = np.full((len(observations), 3), np.nan)
-            refused = f"no tilt: {estimate.reason}"
-            return MeasuredRecord(
-                record, angles.measurements(record, nothing[:, 0], nothing[:, 1:], refused), estimate, None, clock
-            )
-        tilt = known(estimate)
-        if self.calibrate_s is None:
+        record, estimate, tilt = angles.arrays(observations, ropes), None, self.tilt
+        if tilt is None:
+            if self.calibrate_s is not None and record.time is None:
+                raise RunError("independent frames have no first part to calibrate on")
+            estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
+            if not estimate.ok:
+                nothing = np.full((len(observations), 3), np.nan)
+                refused = f"no tilt: {estimate.reason}"
+                return MeasuredRecord(
+                    record, angles.measurements(record, nothing[:, 0], nothing[:, 1:], refused), estimate, None, clock
+                )
+            tilt = known(estimate)
+        alpha, ends, swing = angles.by_tilt(record, tilt, calibration)
+        if estimate is not None and self.calibrate_s is None:
             alpha, ends = angles.by_estimate(record, estimator, estimate)
-        else:
-            alpha, ends = angles.by_tilt(record, tilt, calibration)
-        if estimator.needs_imu or estimator is not chosen:  # its camera moves
-            return MeasuredRecord(record, angles.measurements(record, alpha, ends), estimate, tilt, clock)
-        found = _with_forecasts(record, alpha, ends, tilt, calibration)
-        return MeasuredRecord(record, found, estimate, tilt, clock)
+        ahead_s = None
+        if estimate is None or not (estimator.needs_imu or estimator is not chosen):  # whose cameras move
+            # Forecasts rest on the tilt of all of the record, but on no later frames.
+            ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
+        return MeasuredRecord(record, angles.measurements(record, alpha, ends, ahead=ahead_s), estimate, tilt, clock)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
-        """Measure frames as they come; the tilt is re-estimated every few seconds from all frames so far."""
+        """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""
         estimator = self.chosen(calibration, live=True)
         tracker = _tracker(estimator, calibration)
         if estimator.needs_time and tracker is None:
             raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
         observations: list[Observation] = []
         lengths: list[float] = []
-        tilt, due = self.tilt, WARM_UP_S
-        forecaster, before = Forecaster(), tilt
+        tilt, estimated, start, due = self.tilt, self.tilt is None and tracker is None, math.nan, WARM_UP_S
+        forecaster, watch, before = Forecaster(), FaultWatch(), tilt
         for frame in ahead(frames):
             begun = time.perf_counter()
-            if frame.time_s is None:
+            at = frame.time_s
+            if at is None:
                 raise RunError("a live run needs frames that follow each other in time")
             observations.append(one(frame, self.detector, self.reader, calibration))
-            now = frame.time_s - _time(observations[0])
+            start = at if math.isnan(start) else start
+            controller = self.controller if self.feed is None else self.feed.poll(at)
             recent = _recent(observations)
             ropes = rope(recent, calibration, self.bridge)
-            if self.controller is not None:
-                ropes = _with_lengths(ropes, self.controller, _times(recent))
+            if controller is not None:
+                ropes = _with_lengths(ropes, controller, _times(recent))
             lengths.append(float(ropes.length[-1]))
-            if tracker is None and self.tilt is None and now >= due:
-                found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
-                tilt, due = (known(found) if found.ok else tilt), now + AGAIN_S
+            if at - start >= due:
+                due = at - start + AGAIN_S
+                old = sum(_time(s) < at - KEPT_S for s in observations)
+                del observations[:old], lengths[:old]
+                if estimated:
+                    found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
+                    tilt = known(found) if found.ok else tilt
             newest = angles.arrays(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
             alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""
             if tracker is not None:
-                alpha[0], ends[0] = tracker.step(frame.time_s, observations[-1].centre, lengths[-1])
+                alpha[0], ends[0] = tracker.step(at, observations[-1].centre, lengths[-1])
                 swing[0], waits = tracker.direction, tracker.waiting
             elif tilt is None:
-                waits = f"no tilt yet: {now:.0f} s of {WARM_UP_S:.0f}"
+                waits = f"no tilt yet: {at - start:.0f} s of {WARM_UP_S:.0f}"
             else:
-                alpha, ends = angles.by_tilt(newest, tilt, calibration)
-                swing = directions(tilt, newest.pixels, calibration, newest.rope.length)
+                alpha, ends, swing = angles.by_tilt(newest, tilt, calibration)
                 if before is not tilt and before is not None:
-                    forecaster.shift(swing - directions(before, newest.pixels, calibration, newest.rope.length))
+                    by = swing - angles.by_tilt(newest, before, calibration)[2]
+                    forecaster.shift(by)
+                    watch.shift(by)
             ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px)
             (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s)
-            before = tilt
-            yield Live(frame, observations[-1], measured, tilt, time.perf_counter() - begun)
+            watch.frame(frame, measured)
+            if self.feed is not None:
+                watch.controller(at, controller, self.feed)
+            used, before = tilt, tilt
+            sd = newest.direction_sd(calibration.focal_length_px)
+            if tracker is None and watch.knock(at, swing, sd, newest.rope.length):
+                tilt, estimated, forecaster, start, due = None, True, Forecaster(), watch.since, WARM_UP_S
+                old = sum(_time(s) < start for s in observations)
+                del observations[:old], lengths[:old]
+            seconds = time.perf_counter() - begun
+            yield Live(frame, observations[-1], measured, used, seconds, watch.found(at))
 
 
 @dataclass(frozen=True, eq=False)
 class Live:
-    """One frame of a live record: its measurement, the tilt used, and the time taken, s."""
+    """One frame of a live record: its measurement, the tilt used, the time taken, s, and faults found."""
 
     frame: Frame
     observation: Observation
     measurement: Measurement
     tilt: Known | None
     seconds: float
+    faults: tuple[Fault, ...]
 
 
 def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
@@ -291,15 +313,6 @@ def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
             waiting.append(thread.submit(next, source, end))
             yield item  # type: ignore[misc]  # not the end, hence a T
             del item  # a picture must not be kept while the next is awaited
-
-
-def _with_forecasts(
-    record: RecordArrays, alpha: Array, ends: Array, tilt: Known, calibration: Calibration
-) -> tuple[Measurement, ...]:
-    """Make the measurements of a record; each forecast rests on the tilt of all of it, but on no later frames."""
-    swing = directions(tilt, record.pixels, calibration, record.rope.length)
-    ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
-    return angles.measurements(record, alpha, ends, ahead=ahead_s)
 
 
 def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker | None:
@@ -366,6 +379,7 @@ def assemble(
     live: bool = False,
     imu: str | Path | None = None,
     plc: str | Path | None = None,
+    follow: bool = False,
 ) -> Pipeline:
     """Make a pipeline from command-line options.
 
@@ -385,6 +399,8 @@ def assemble(
         `PendulumSmoother`.
     plc : path, optional
         Data of the crane's controller, as `simgrab.instrument.controller_file.read_controller` takes them.
+    follow : bool
+        Whether the controller's data grow during the run, a live one: then only new rows are read.
 
     Raises
     ------
@@ -400,5 +416,9 @@ def assemble(
         raise RunError(f"the tilt is given, so {estimator} is not needed; leave out one of them")
     chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
     pipeline = Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))
+    if plc is not None and follow:
+        from simgrab.instrument.controller_feed import ControllerFeed
+
+        pipeline, plc = replace(pipeline, feed=ControllerFeed(plc)), None
     sensors = {name: Path(path) for name, path in ((IMU, imu), (PLC, plc)) if path is not None}
     return pipeline.with_sensors(sensors) if sensors else pipeline

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +28,8 @@ from simgrab.io.parse import Refuse
 from simgrab.io.playback import SCHEMES, Playback, open_video, stream_of
 from simgrab.text import printable
 
+GIVE_UP_S, RETRY_S = 600.0, 2.0  # how long a lost stream is asked for, and the pause before each time
+JUMP_S = 5.0  # by which a live stream's time stamps may differ from this computer's clock between two frames
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
 _STEPS = 31  # time steps of which the median is what a step should be
 UNTIMED_HZ = 9.0  # of the port's camera, where nothing states a rate
@@ -135,7 +139,7 @@ class Video:
 
 
 class Stream:
-    """A stream, which can be read once.
+    """A stream, which can be read once. One without an end is connected again where it is lost.
 
     Parameters
     ----------
@@ -160,7 +164,7 @@ class Stream:
     live = True
 
     def __init__(self, url: str, rate_hz: float | None = None) -> None:
-        self.name, self._rate_hz = printable(url), rate_hz
+        self.name, self._url, self._rate_hz = printable(url), url, rate_hz
         scheme = url.partition("://")[0].lower()
         if scheme not in SCHEMES:
             streams = ", ".join(f"{s}://" for s in SCHEMES)
@@ -180,9 +184,32 @@ class Stream:
         container, self._container = self._container, None
         if container is None:
             raise SourceError(f"{self.name}: a stream can be read only once")
-        with container:
-            stream = stream_of(container)
-            yield from _with_gaps(_decoded(stream, _Clock(stream, self.timed, self._rate_hz), self.name, live=True))
+        last_s, arrived, note = 0.0, time.monotonic(), ""
+        asked: float | None = None  # when the connection was asked for again
+        while container is not None:
+            with container:
+                stream = stream_of(container)
+                endless = self.count is None and not container.duration and container.size <= 0
+                begin_s = 0.0 if asked is None else last_s + asked - arrived
+                clock = _Clock(stream, self.timed, self._rate_hz, begin_s, live=endless)
+                try:
+                    for frame in _with_gaps(_decoded(stream, clock, self.name, live=True)):
+                        yield replace(frame, note="; ".join(filter(None, (note, frame.note)))) if note else frame
+                        note = ""
+                        if frame.picture is not None:
+                            last_s, arrived = frame.time_s or 0.0, time.monotonic()
+                except SourceError:  # it ends before its first picture
+                    if asked is None:
+                        raise
+            container = None
+            while endless and container is None and time.monotonic() - arrived < GIVE_UP_S:
+                time.sleep(RETRY_S)
+                asked = time.monotonic()
+                note = f"connected again after {asked - arrived:.0f} s"
+                try:
+                    container = open_video(self._url, _refusal(self.name))
+                except SourceError as problem:
+                    yield Frame(None, last_s + time.monotonic() - arrived, f"no connection ({problem})")
 
 
 def _refusal(name: str) -> Refuse:
@@ -279,15 +306,17 @@ def _pictures(packet: Packet[Any], clock: _Clock, playback: Playback) -> Iterato
 
 
 def _frame(picture: VideoFrame, clock: _Clock, playback: Playback) -> Frame:
-    time = clock.next(clock.stamp(picture))
+    time_s = clock.next(clock.stamp(picture))
     if picture.is_corrupt:
-        return Frame(None, time, "damaged in the video")
-    note = "; ".join(filter(None, (playback.note(picture), clock.note)))
-    return Frame(playback.picture(picture), time, note=note)
+        return Frame(None, time_s, "damaged in the video")
+    note = "; ".join(filter(None, (playback.note(picture), clock.note, clock.jumped)))
+    return Frame(playback.picture(picture), time_s, note=note)
 
 
 class _Clock:
     """Times of frames since the first: their time stamps, if these increase.
+
+    Where stamps of a live stream jump, the times go on by this computer's clock.
 
     Attributes
     ----------
@@ -299,10 +328,16 @@ class _Clock:
         Time stamp that counts as 0, s; None before the first.
     searchable : bool
         Whether frames have the same times wherever decoding begins.
+    jumped : str
+        By how much the last stamp jumped; empty if it did not.
     """
 
-    def __init__(self, stream: VideoStream, timed: bool, rate_hz: float | None = None) -> None:
-        self._timed = timed
+    def __init__(
+        self, stream: VideoStream, timed: bool, rate_hz: float | None = None, begin_s: float = 0.0, *,
+        live: bool = False,
+    ) -> None:  # fmt: skip
+        self._timed, self._begin_s, self._live = timed, begin_s, live
+        self._arrived, self.jumped = 0.0, ""
         self._numbered = stream.container.format.name == "avi"  # whose frames have numbers, in the order of decoding
         self.searchable = self._timed and not (self._numbered and stream.codec_context.has_b_frames)
         if self._timed:
@@ -323,13 +358,21 @@ class _Clock:
     def next(self, stamp: float | None) -> float:
         """Time of the next frame; a step after the last where its stamp is missing, goes back or exceeds LATEST_S."""
         # A step may be less than what doubles resolve there.
-        time = 0.0 if self._last is None else max(self._last + self.step, math.nextafter(self._last, math.inf))
+        found = (
+            self._begin_s if self._last is None else max(self._last + self.step, math.nextafter(self._last, math.inf))
+        )
+        self.jumped, now = "", time.monotonic()
         if self._timed and stamp is not None and abs(stamp) <= LATEST_S:
-            self.origin = stamp - time if self.origin is None else self.origin
+            self.origin = stamp - found if self.origin is None else self.origin
             stated = stamp - self.origin
-            time = stated if self._last is None or stated > self._last else time
-        self._last = time
-        return time
+            if self._live and self._last is not None:
+                jump, passed = stated - self._last, now - self._arrived
+                if not -JUMP_S < jump < passed + JUMP_S:
+                    stated = max(found, self._last + passed)
+                    self.origin, self.jumped = stamp - stated, f"time stamps jumped by {jump:+.0f} s"
+            found = stated if self._last is None or stated > self._last else found
+        self._last, self._arrived = found, now
+        return found
 
 
 def _with_gaps(frames: Iterator[Frame]) -> Iterator[Frame]:

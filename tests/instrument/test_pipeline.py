@@ -73,7 +73,7 @@ def test_a_known_tilt_gives_the_angles_and_intervals_of_its_estimate(crane, name
     pixels[7] = np.nan
     camera = msgspec.structs.replace(crane.calibration, k1=-0.1, roll_deg=20.0)
     found = ESTIMATORS[name]().estimate(pixels, camera, rope_length=crane.rope, pixel_sd=sd)
-    alpha, ends = follow(known(found), pixels, camera, rope_length=crane.rope, pixel_sd=sd)
+    alpha, ends, _ = follow(known(found), pixels, camera, rope_length=crane.rope, pixel_sd=sd)
     np.testing.assert_allclose(alpha, found.alpha, atol=1e-8)
     # Student's quantile for 900 frames, by which the estimate scales the noise too, is 0.1 % beyond the normal one.
     np.testing.assert_allclose(ends, found.interval("iid").alpha, atol=2e-5)
@@ -83,7 +83,7 @@ def test_frames_to_come_are_as_uncertain_as_a_few_blocks_were(crane):
     estimator = MeanRay(intervals=IntervalSettings(block_s=30.0))
     found = estimator.estimate(crane.pixels, crane.calibration, time=crane.time)
     assert found.interval("blocks").blocks == 3
-    _, ends = follow(known(found), crane.pixels, crane.calibration)
+    _, ends, _ = follow(known(found), crane.pixels, crane.calibration)
     np.testing.assert_allclose(ends, found.interval("blocks").alpha, atol=1e-9)
     assert np.ptp(ends, axis=-1).mean() > 2 * np.ptp(found.interval("iid").alpha, axis=-1).mean()
 
@@ -282,5 +282,5 @@ def test_the_smoother_runs_on_a_record(crane):
 def test_a_rope_shorter_than_the_offset_has_no_swing():
     camera = Calibration(1920, 1080, 1600.0, 960.0, 540.0, offset_m=(0.0, 3.0, 0.0))
     tilt = Known("rope-aware", 9, 1.0, 0.0, (0.0, 3.0, 0.0), tuple((0.0,) * 4 for _ in range(4)))
-    alpha, _ = follow(tilt, [[960.0, 540.0]], camera, rope_length=[2.0])  # shorter than the offset
+    alpha, *_ = follow(tilt, [[960.0, 540.0]], camera, rope_length=[2.0])  # shorter than the offset
     assert np.isnan(alpha).all()

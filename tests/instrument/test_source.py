@@ -17,6 +17,7 @@ from av.filter import Graph
 from av.stream import Disposition
 
 from simgrab.errors import SourceError
+from simgrab.instrument import video
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.pipeline import ahead
 from simgrab.instrument.source import camera_beside, fitting, open_source, plain_name
@@ -28,6 +29,11 @@ from films import SIZE, film, picture
 from streams import over_http, over_rtsp
 
 RATE = 9.0
+
+
+@pytest.fixture(autouse=True)
+def _a_lost_stream_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(video, "GIVE_UP_S", 0.0)
 
 
 def even(n, rate=RATE):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from simgrab.errors import CalibrationError
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.contract import alpha_ends, angles_of
-from simgrab.instrument.estimate.frames import check_record, gravity, groups, tangent_basis
+from simgrab.instrument.estimate.frames import check_record, gravity, groups
 from simgrab.instrument.estimate.rope_aware import along_tilt, swings
 from simgrab.io.parse import read_toml
 from simgrab.io.strict import Checked, convert
@@ -99,25 +99,6 @@ def load(path: str | Path) -> Known:
     return convert({"offset_m": None} | data, Known, CalibrationError, path)
 
 
-def directions(tilt: Known, pixels: Array, calibration: Calibration, rope_length: Array) -> Array:
-    r"""Horizontal part of the unit direction OA under a known tilt, jib frame, shape (n, 2).
-
-    Parameters
-    ----------
-    tilt : Known
-    pixels : ndarray, shape (n, 2)
-        NaN where the grab was not found.
-    calibration : Calibration
-    rope_length : ndarray, shape (n,)
-        \|OA\|, m; NaN where it is not known.
-    """
-    (frames,) = groups(pixels[None], None, None, calibration)
-    down = gravity(np.array([np.deg2rad(tilt.beta_deg)]), np.array([np.deg2rad(tilt.tilt_azimuth_deg)]))
-    with np.errstate(invalid="ignore"):
-        found = swings(frames, 1 / rope_length, down, np.array([tilt.offset_m or (0.0, 0.0, 0.0)]))[0].T
-    return np.where(np.isfinite(pixels), found, np.nan)
-
-
 def follow(
     tilt: Known,
     pixels: ArrayLike,
@@ -125,7 +106,7 @@ def follow(
     *,
     rope_length: ArrayLike | None = None,
     pixel_sd: ArrayLike | None = None,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     r"""Swing of each frame under a known tilt.
 
     Parameters
@@ -145,6 +126,8 @@ def follow(
         NaN where there is no pixel.
     ends : ndarray, shape (n, 2)
         Ends of its 95 % intervals.
+    direction : ndarray, shape (n, 2)
+        Horizontal part of the unit direction OA, jib frame.
 
     Raises
     ------
@@ -156,18 +139,20 @@ def follow(
     beta, azimuth = np.array([np.deg2rad(tilt.beta_deg)]), np.array([np.deg2rad(tilt.tilt_azimuth_deg)])
     (frames,) = groups(uv, rope, None, calibration, sd)
     lever = radial = None
-    if tilt.offset_m is None:
-        turned = tangent_basis(beta, azimuth) @ frames.rays
-    else:
+    if tilt.offset_m is not None:
         assert rope is not None
         lever = 1 / rope
-        with np.errstate(invalid="ignore"):  # no swing reaches a rope that is shorter than the offset
-            across = swings(frames, lever, gravity(beta, azimuth), np.array([tilt.offset_m]))
-        turned = along_tilt(across, azimuth)
+    with np.errstate(invalid="ignore"):  # no swing reaches a rope that is shorter than the offset
+        across = swings(
+            frames, np.ones(1) if lever is None else lever, gravity(beta, azimuth),
+            np.array([tilt.offset_m or (0.0, 0.0, 0.0)]),
+        )  # fmt: skip
+    if lever is not None:
         radial = np.sum(across**2, axis=1) * (calibration.offset_sd_m * lever) ** 2
-    alpha, unit = angles_of(turned)
+    alpha, unit = angles_of(along_tilt(across, azimuth))
     noise = np.zeros_like(alpha) if frames.noise is None else frames.noise
     quantile = iv.student(LEVEL, np.array([np.inf]))
     ends = alpha_ends(alpha, unit, covariance, quantile, lever, noise, radial)[0]
     seen = np.isfinite(uv[0]).all(axis=-1)
-    return np.where(seen, alpha[0], np.nan), np.where(seen[:, None], ends, np.nan)
+    some = seen[:, None]
+    return np.where(seen, alpha[0], np.nan), np.where(some, ends, np.nan), np.where(some, across[0].T, np.nan)

@@ -138,7 +138,12 @@ def read_texts(path: str | Path, names: Collection[str], header: str) -> pa.Tabl
 
 def _csv(path: Path, needed: str) -> pa.Table:
     with opened(path, RecordError, most_bytes=MOST_CSV_BYTES) as file:
-        content = file.read().removeprefix(codecs.BOM_UTF8)
+        return parsed_csv(file.read(), path, needed)
+
+
+def parsed_csv(content: bytes, path: Path, needed: str) -> pa.Table:
+    """Parse the content of a CSV file as `read_texts` does."""
+    content = content.removeprefix(codecs.BOM_UTF8)
     header = content[: MOST_HEADER_BYTES + 1].splitlines()[:1]
     if not header or not header[0].strip():
         raise RecordError(f"{path}: the file is empty; a header {needed} is needed")

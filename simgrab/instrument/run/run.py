@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import os
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +21,8 @@ from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.controller import ClockOffset
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.measure import estimate_json
-from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, assemble
+from simgrab.instrument.faults import Fault
+from simgrab.instrument.pipeline import Live, MeasuredRecord, Pipeline, assemble
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.assumed import assumptions
 from simgrab.instrument.run.runs import Progress, Run
@@ -32,6 +35,7 @@ from simgrab.model.calibration import Calibration
 from simgrab.text import encodable
 
 VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
+PART_S = 3600.0  # of a live run in one folder, which bounds the memory
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,7 @@ def run(
     instrument: Instrument | None = None,
     options: RunOptions | None = None,
     progress: Progress | None = None,
+    report: Callable[[str], None] | None = None,
 ) -> Run:
     """Measure a source, and write the results into a new folder if one is given.
 
@@ -79,6 +84,13 @@ def run(
     options : RunOptions, optional
     progress : callable, optional
         Called with how many frames are measured, and of how many.
+    report : callable, optional
+        Called with a line about each fault of a live run as it is found, and about each folder written before the end.
+
+    Returns
+    -------
+    Run
+        The whole one; of a live one with ``out`` what the last folder holds: every `PART_S` a new one is begun.
 
     Raises
     ------
@@ -94,27 +106,49 @@ def run(
         named["camera"] = encodable(camera)
         camera = camera_file.load(camera)
     opened = open_source(source, rate_hz=options.rate_hz)
-    measure_source = _live if options.live or opened.live else _whole
-    instrument = instrument or assemble(live=options.live or opened.live)
+    live = options.live or opened.live
+    instrument = instrument or assemble(live=live)
     if (
         opened.live
         and isinstance(instrument, Pipeline)
         and (instrument.controller is not None or (instrument.estimator is not None and instrument.estimator.needs_imu))
     ):
         raise RunError("a stream cannot be used with recorded readings of a sensor or controller: their times differ")
-    if out is None:
-        return _named(measure_source(opened, camera, instrument, options, None, progress)[0], opened, named)
-    with runs.making(Path(out)) as folder:
-        found, overlay = measure_source(opened, camera, instrument, options, folder, progress)
-        found = _named(found, opened, named)
-        runs.save(found, folder)
-        if found.about["tilt"] is not None:
-            tilt = msgspec.convert(found.about["tilt"], Known)
-            (folder / TILT).write_text(tilt.to_toml(), encoding="utf-8")
-        from simgrab.instrument.run.page import page  # matplotlib takes its time
+    parts = _Parts(opened, camera, instrument, progress, report or (lambda _: None)) if live else None
 
-        (folder / PAGE).write_text(page(found, overlay.stills), encoding="utf-8")
-    return found
+    def measured(folder: Path | None) -> Run:
+        if parts is None:
+            found, overlay = _whole(opened, camera, instrument, options, folder, progress)
+        else:
+            found, overlay = parts.next(folder, options)
+        found = _named(found, opened, named)
+        if folder is not None:
+            _write(found, overlay, folder)
+        return found
+
+    if out is None:
+        return measured(None)
+    number, target = 1, Path(out)
+    while True:
+        with runs.making(target) as folder:
+            found = measured(folder)
+        if parts is None or parts.ended:
+            return found
+        if report:
+            report(f"written: {target}")
+        while os.path.lexists(target):
+            number += 1
+            target = Path(out).with_name(f"{Path(out).name}-{number}")
+
+
+def _write(found: Run, overlay: OverlayVideo, folder: Path) -> None:
+    runs.save(found, folder)
+    if found.about["tilt"] is not None:
+        tilt = msgspec.convert(found.about["tilt"], Known)
+        (folder / TILT).write_text(tilt.to_toml(), encoding="utf-8")
+    from simgrab.instrument.run.page import page  # matplotlib takes its time
+
+    (folder / PAGE).write_text(page(found, overlay.stills), encoding="utf-8")
 
 
 def measure(
@@ -174,37 +208,62 @@ def _whole(
     return found, overlay
 
 
-def _live(
-    source: Source, calibration: Calibration, instrument: Instrument, options: RunOptions, folder: Path | None,
-    progress: Progress | None,
-) -> tuple[Run, OverlayVideo]:  # fmt: skip
-    """Measure and annotate at once; an interrupt ends the record, as the end of the stream does."""
-    if not isinstance(instrument, Pipeline):
-        raise RunError(f"{instrument.name} cannot measure frame by frame; a live run needs simgrab's own pipeline")
-    notes = _Notes()
-    measured: list[Measurement] = []
-    latency: list[float] = []
-    tilt: Known | None = None
-    begun = time.perf_counter()
-    with OverlayVideo(folder / VIDEO if folder and options.video else None, options.rule) as overlay:
-        try:
-            for one in instrument.live(fitting(notes.of(_counted(source, progress)), calibration), calibration):
-                measured.append(one.measurement)
-                latency.append(one.seconds)
-                tilt = one.tilt
-                overlay.add(one.frame, one.measurement)
-        except KeyboardInterrupt:
-            if not measured:
-                raise
-    if not measured:
-        raise SourceError(f"{source.name}: it contains no frames")
-    seconds = time.perf_counter() - begun
-    speed = {
-        "frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds,
-        "latency_median_s": float(np.median(latency)), "latency_p99_s": float(np.quantile(latency, 0.99)),
-    }  # fmt: skip
-    found = _conclude(notes, measured, calibration, instrument, source.name, options.rule, None, tilt, speed)
-    return found, overlay
+class _Parts:
+    """A live run, measured and annotated at once, in parts; an interrupt ends it, as the end of the stream does."""
+
+    def __init__(
+        self, source: Source, calibration: Calibration, instrument: Instrument, progress: Progress | None,
+        report: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        if not isinstance(instrument, Pipeline):
+            raise RunError(f"{instrument.name} cannot measure frame by frame; a live run needs simgrab's own pipeline")
+        self.ended = False
+        self._source, self._calibration, self._instrument = source, calibration, instrument
+        self._report = report
+        self._live = iter(instrument.live(fitting(_counted(source, progress), calibration), calibration))
+        self._first: Live | None = None  # of the next part
+
+    def next(self, folder: Path | None, options: RunOptions) -> tuple[Run, OverlayVideo]:
+        """Measure one part: all of it where no folder is written."""
+        notes = _Notes()
+        measured: list[Measurement] = []
+        latency: list[float] = []
+        faults: list[Fault] = []
+        tilt: Known | None = None
+        begun = time.perf_counter()
+        with OverlayVideo(folder / VIDEO if folder and options.video else None, options.rule) as overlay:
+            try:
+                first = next(self._live, None) if self._first is None else self._first
+                for one in itertools.chain([first] if first else [], self._live):
+                    assert first is not None
+                    if folder and (one.frame.time_s or 0) >= (first.frame.time_s or 0) + PART_S:
+                        self._first = one
+                        break
+                    notes.add(one.frame)
+                    measured.append(one.measurement)
+                    latency.append(one.seconds)
+                    tilt = one.tilt
+                    for fault in one.faults:
+                        faults.append(fault)
+                        self._report(f"{fault.time_s:.1f} s: {fault.kind}: {fault.text}")
+                    overlay.add(one.frame, one.measurement)
+                else:
+                    self.ended = True
+            except KeyboardInterrupt:
+                if not measured:
+                    raise
+                self.ended = True
+        if not measured:
+            raise SourceError(f"{self._source.name}: it contains no frames")
+        seconds = time.perf_counter() - begun
+        speed = {
+            "frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds,
+            "latency_median_s": float(np.median(latency)), "latency_p99_s": float(np.quantile(latency, 0.99)),
+        }  # fmt: skip
+        found = _conclude(
+            notes, measured, self._calibration, self._instrument, self._source.name, options.rule, None, tilt, speed
+        )
+        return replace(found, about=found.about | {"faults": msgspec.to_builtins(faults)}), overlay
 
 
 class _Notes:
@@ -217,11 +276,14 @@ class _Notes:
 
     def of(self, frames: Iterable[Frame]) -> Iterator[Frame]:
         for frame in frames:
-            self.times.append(frame.time_s)
-            self.names.append(frame.name)
-            if frame.note:
-                self.notes[frame.note] = None
+            self.add(frame)
             yield frame
+
+    def add(self, frame: Frame) -> None:
+        self.times.append(frame.time_s)
+        self.names.append(frame.name)
+        if frame.note:
+            self.notes[frame.note] = None
 
     def check_against(self, run: Run) -> None:
         """Refuse frames that differ from those of a run."""
@@ -255,8 +317,7 @@ def _conclude(
     rule: Rule, record: MeasuredRecord | None, tilt: Known | None, speed: dict[str, Any],
 ) -> Run:  # fmt: skip
     measurements = tuple(measured)
-    times, names = notes.times[: len(measurements)], notes.names[: len(measurements)]  # a live run may be ahead of them
-    time_s = None if None in times else np.array(times, float)
+    time_s = None if None in notes.times else np.array(notes.times, float)
     found = () if time_s is None else alarm.events(time_s, measurements, rule)
     early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNING, alarm.warning)
     estimate = None if record is None else record.estimate
@@ -274,7 +335,7 @@ def _conclude(
         "notes": [*notes.notes, *reported.pop("notes", ())],
         "speed": speed,
     } | ({"controller": reported} if reported else {})  # fmt: skip
-    return Run(instrument.name, source, calibration, time_s, tuple(names), measurements, found, about)
+    return Run(instrument.name, source, calibration, time_s, tuple(notes.names), measurements, found, about)
 
 
 def _controller(instrument: Instrument, clock: ClockOffset | None) -> dict[str, Any]:

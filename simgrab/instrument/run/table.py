@@ -12,6 +12,7 @@ from simgrab.instrument.run.runs import Run
 from simgrab.model.geometry import Array
 
 Row = tuple[str, str, str, str]
+MOST_FAULTS = 40  # that are listed
 HEAD = ("", "the paper's video", "the paper's method", "this run")
 # Section 4.5 and its appendix: 3,699 frames by day, in the order of `measured`.
 _PUBLISHED = ("3699", "2.530", "2.664", "over 95 %", "10.010")
@@ -80,6 +81,10 @@ def held(run: Run) -> list[tuple[str, str]]:
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
     if any(m.warning is not None for m in run.measurements):
         rows.append(("early warnings", str(len(run.about["warnings"]))))
+    if "faults" in run.about:
+        faults = run.about["faults"]
+        rows.append(("faults", str(len(faults))))
+        rows += [(f"  {f['kind']}, {f['time_s']:.0f} s", f["text"]) for f in faults[:MOST_FAULTS]]
     rows.append(("speed", f"{speed['frames_per_s']:.1f} frames/s"))
     if "latency_p99_s" in speed:
         rows.append(("latency, 99 %", f"{1e3 * speed['latency_p99_s']:.0f} ms"))

@@ -1,0 +1,146 @@
+"""The controller's data as a logger appends them to CSV files, for a live run."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow as pa
+
+from simgrab.errors import RecordError
+from simgrab.instrument.controller import ClockOffset, Controller
+from simgrab.instrument.controller_file import describe, read_controller
+from simgrab.instrument.estimate.tables import parsed_csv
+
+KEPT_S = 10.0  # of readings
+LEAST_ROWS = 20
+MOST_BYTES = 1 << 20  # read at once: of more, the newest
+HEADER_BYTES = 1 << 16
+DELAYS = 300  # of rows and frames after their stamps, of which the least relate the clocks
+CLOCK_S = 5.0  # by which a delay changes only where a clock jumped
+
+
+class ControllerFeed:
+    """Follows the controller's data.
+
+    Stamps of rows and times of frames are related by this computer's clock at their arrival, so that only their
+    differences count. What a file held before the first `poll` is not read.
+
+    Parameters
+    ----------
+    path : path
+        As `read_controller` takes it; CSV.
+
+    Attributes
+    ----------
+    problem : str
+        Why no readings could be made of the newest rows; empty if they could.
+    news : str
+        What happened to the controller's clock at the last `poll`; mostly empty.
+
+    Raises
+    ------
+    RecordError
+        If there is no description, or a file is parquet.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path, self._facts = describe(path)
+        self.states_rope = self._facts.rope is not None
+        self.problem = self.news = ""
+        self._controller: Controller | None = None
+        self._delays, self._late = deque[float](maxlen=DELAYS), deque[float](maxlen=DELAYS)
+        self._lag = self._facts.quantities[0].lag_s
+        self._tails: dict[Path, _Tail] = {}
+        for one in self._facts.quantities:
+            file = self._facts.file_of(one, self._path)
+            if file.suffix.lower() == ".parquet":
+                raise RecordError(f"{file}: parquet cannot be followed while it grows; name a CSV file")
+            rows = max(math.ceil(KEPT_S * one.rate_hz), LEAST_ROWS)
+            earlier = self._tails.get(file)
+            self._tails[file] = _Tail(file, max(rows, earlier.most if earlier else 0))
+
+    def poll(self, now: float, clock: float | None = None) -> Controller | None:
+        """Read new rows; return the last seconds of readings on the clock of the frames, None before there are any.
+
+        Parameters
+        ----------
+        now : float
+            Time of the frame, s.
+        clock : float, optional
+            This computer's clock, s.
+        """
+        clock = time.monotonic() if clock is None else clock
+        self.news = ""
+        self._late.append(clock - now)
+        if not sum(tail.read() for tail in self._tails.values()):
+            return self._controller
+        try:
+            found = read_controller(self._path, self._facts, self._table)
+        except RecordError as problem:
+            self.problem = str(problem)
+            return self._controller
+        self.problem = ""
+        delay = clock - float(found.time[-1]) - self._lag
+        if self._delays and abs(delay - min(self._delays)) > CLOCK_S:
+            self.news = "its clock jumped; it is related to that of the pictures anew"
+            self._delays.clear()
+            for tail in self._tails.values():
+                tail.forget()
+            return self._controller
+        self._delays.append(delay)
+        offset_s = min(self._delays) - min(self._late)
+        offset = ClockOffset(offset_s, self._facts.time.clock_sd_s, "the rows' arrival")
+        self._controller = replace(found.shifted(offset), hold_s=self._facts.longest_gap_s / 2)
+        return self._controller
+
+    def _table(self, path: Path) -> pa.Table:
+        return parsed_csv(self._tails[path].content, path, self._facts.time.column)
+
+
+class _Tail:
+    """The header and the last lines of a file that grows."""
+
+    def __init__(self, path: Path, most: int) -> None:
+        self.most, self._path = most, path
+        self._header = b""
+        self._position: int | None = None
+        self._lines, self._new = deque[bytes](maxlen=most), list[bytes]()
+
+    @property
+    def content(self) -> bytes:
+        """A CSV file of them."""
+        return self._header + b"".join(self._lines)
+
+    def read(self) -> bool:
+        """Read complete new lines; whether there are any. A file that became shorter was begun anew."""
+        try:
+            with self._path.open("rb") as file:
+                end = file.seek(0, os.SEEK_END)
+                if self._position is not None and end < self._position:
+                    self._header, self._position = b"", 0
+                if not self._header:
+                    file.seek(0)
+                    first = file.readline(HEADER_BYTES)
+                    self._header = first if first.endswith(b"\n") else b""
+                    self._position = end if self._position is None and self._header else self._position
+                if not self._header or self._position is None:
+                    return False
+                begin = file.seek(max(self._position, end - MOST_BYTES))
+                data = file.read(end - begin)
+        except OSError:
+            return False
+        whole = data[: data.rfind(b"\n") + 1]
+        self._position = begin + len(whole)
+        cells = self._header.count(b",")  # a line of which a part is missing has fewer
+        self._new = [line for line in whole.splitlines(keepends=True) if line.count(b",") == cells]
+        self._lines.extend(self._new)
+        return bool(self._new)
+
+    def forget(self) -> None:
+        """Keep what was read last alone."""
+        self._lines = deque(self._new, maxlen=self.most)

@@ -1,0 +1,179 @@
+"""A live run for hours: faults are found and reported, the controller's file is followed, memory is bounded."""
+
+import socket
+import sys
+import threading
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import tomli_w
+
+from simgrab.errors import RecordError
+from simgrab.instrument import angles, video
+from simgrab.instrument import pipeline as rooms
+from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.controller_feed import ControllerFeed
+from simgrab.instrument.estimate import MeanRay
+from simgrab.instrument.faults import FaultWatch
+from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.run import run as running
+from simgrab.instrument.run.run import RunOptions
+from simgrab.instrument.source import open_source
+from simgrab.model.calibration import Calibration
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parent))
+import swinging
+from films import film
+from test_pipeline import Scripted, frames_of, made
+
+AT, SHIFT_PX = 150, 40.0  # frame of a knock, and how far it moves the picture: 1.5°
+
+
+@pytest.fixture(scope="module")
+def crane():
+    return swinging.record(frames=420)
+
+
+def moved(observations, some):
+    observations = list(observations)
+    for i in some:
+        u, v = observations[i].centre
+        observations[i] = msgspec.structs.replace(observations[i], centre=(u + SHIFT_PX, v))
+    return observations
+
+
+def lives(observations, camera, **settings):
+    said = Scripted(observations)
+    return list(Pipeline(said, said, **settings).live(frames_of(observations), camera))
+
+
+def test_memory_is_bounded(crane, monkeypatch):
+    monkeypatch.setattr(rooms, "KEPT_S", 15.0)
+    lengths, calibrate = [], angles.calibrate
+    monkeypatch.setattr(angles, "calibrate", lambda r, *rest: lengths.append(len(r.time)) or calibrate(r, *rest))
+    list(made(estimator=MeanRay()).live([Frame(None, i / 9, "lost") for i in range(800)], crane.calibration))
+    assert len(lengths) > 5
+    assert max(lengths[1:]) == 15 * 9 + 1
+
+
+def test_a_knock_is_found_and_the_tilt_estimated_anew(crane):
+    seen = crane.observations(1.0)
+    tilt = made().conclude(seen, crane.calibration).tilt
+    found = lives(moved(seen, range(AT, len(seen))), crane.calibration, tilt=tilt)
+    ((fault, at),) = [(fault, i) for i, one in enumerate(found) for fault in one.faults]
+    assert fault.kind == "camera"
+    assert "by 1.4°" in fault.text or "by 1.5°" in fault.text
+    assert AT < at < AT + 45
+    assert found[at].tilt == tilt
+    assert found[at + 1].tilt is None
+    assert "no tilt yet" in found[at + 1].measurement.reason
+    assert found[-1].tilt.beta_deg != tilt.beta_deg
+    late = slice(-30, None)
+    alpha = np.degrees([one.measurement.alpha for one in found[late]])
+    assert np.abs(alpha - np.degrees(crane.alpha[late])).mean() < 0.7
+
+
+def test_a_detector_that_errs_for_a_second_is_no_knock(crane):
+    seen = crane.observations(1.0)[:260]
+    tilt = made().conclude(seen, crane.calibration).tilt
+    assert not any(one.faults for one in lives(moved(seen, range(AT, AT + 9)), crane.calibration, tilt=tilt))
+
+
+def test_half_a_minute_without_an_angle_a_change_of_light_and_news_of_the_source_are_reported():
+    watch, found = FaultWatch(), []
+    for i in range(1200):
+        ok = not 300 <= i < 700
+        level = 20 if i > 900 else 120
+        frame = Frame(np.full((32, 32, 3), level, np.uint8), i / 9, note="turned" + "; jumped" * (i == 200))
+        measured = {"status": "ok", "alpha": 0.1} if ok else {"status": "missed", "reason": "fog"}
+        watch.frame(frame, Measurement(**measured))
+        found += watch.found(i / 9)
+    kinds = [(fault.kind, round(fault.time_s)) for fault in found]
+    assert kinds[:3] == [("source", 22), ("grab", 63), ("grab", 78)]
+    assert found[1].text == "no angle for 30 s: fog"
+    assert {kind for kind, _ in kinds[3:]} == {"exposure"}
+    assert 100 <= kinds[3][1] < 106
+
+
+def followed(folder):
+    one = {"rate_hz": 10.0, "resolution": 0.01}
+    facts = {"time": {"column": "t"}, "rope": {"column": "rope", **one}, "slew": {"column": "slew", **one}}
+    path = folder / "crane.csv"
+    path.with_suffix(".toml").write_text(tomli_w.dumps(facts))
+    path.write_text("t,rope,slew\n" + "5,1,1\n" * 100)
+    return path
+
+
+def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
+    path = followed(tmp_path)
+    feed, watch, found, rest = ControllerFeed(path), FaultWatch(), {}, ""
+    for i in range(600):
+        now = i / 9
+        clock = 5000.0 if now < 20 else 100.0  # the controller's clock is set back
+        if not 300 < i < 420:
+            text = rest + f"{now + clock:.2f},{20 + now / 10:.3f},{now:.2f}\n"
+            text, rest = (text[:4], text[4:]) if i == 100 else (text, "")  # a line may come in two parts
+            with path.open("w" if i == 500 else "a") as file:  # and the file may be begun anew
+                file.write("t,rope,slew\n" * (i == 500) + text)
+        reported = feed.poll(now, now + 3.0 * (i % 7 == 3))  # some frames come late
+        watch.controller(now, reported, feed)
+        found |= dict.fromkeys([i] * bool(news := watch.found(now)), news)
+        if i in (60, 290, 480, 599):
+            assert reported.rope_at(np.array([now]))[0] == pytest.approx(20 + now / 10, abs=0.05)
+    assert np.isnan(reported.rope_at(np.array([now + 2]))[0])
+    assert [fault.kind for (fault,) in found.values()] == ["controller"] * 3
+    jumped, stopped, again = found
+    assert 180 < jumped < 180 + 9 * 10
+    assert stopped == pytest.approx(300 + 9 * 10, abs=3)
+    assert 420 <= again < 430
+
+
+def test_a_file_that_cannot_be_followed_is_refused(tmp_path):
+    path = followed(tmp_path)
+    path.rename(tmp_path / "crane.parquet")
+    with pytest.raises(RecordError, match="cannot be followed"):
+        ControllerFeed(tmp_path / "crane.parquet")
+
+
+def test_a_lost_stream_is_connected_again_and_a_jump_of_its_stamps_is_no_gap(tmp_path, monkeypatch):
+    monkeypatch.setattr(video, "RETRY_S", 0.2)
+    monkeypatch.setattr(video, "GIVE_UP_S", 1.0)
+    first, later = (film(tmp_path / f"{s}.ts", s + np.arange(30) / 9).read_bytes() for s in (0, 4000))
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            for data in (first + later, first):
+                connection, _ = server.accept()
+                with connection:
+                    connection.sendall(data)
+            server.close()
+
+        threading.Thread(target=serve, daemon=True).start()
+        frames = list(open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}"))
+    times = np.array([frame.time_s for frame in frames])
+    notes = [frame.note for frame in frames if frame.note]
+    assert (np.diff(times) > 0).all()
+    assert times[-1] < 30
+    assert sum(frame.picture is not None for frame in frames) > 80
+    assert "time stamps jumped by +399" in notes[0]
+    assert notes[1].startswith("connected again after")
+    assert "no connection" in frames[-1].reason
+
+
+def test_a_long_live_run_is_written_in_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr(running, "PART_S", 2.0)
+    from test_run import nothing
+
+    path, lines = film(tmp_path / "a.mp4", np.arange(45) / 9), []
+    options = RunOptions(live=True, video=False)
+    found = running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None), options,
+                        report=lines.append)  # fmt: skip
+    parts = [running.runs.load(tmp_path / name) for name in ("out", "out-2", "out-3")]
+    times = np.concatenate([part.time for part in parts])
+    np.testing.assert_allclose(times, np.arange(45) / 9, atol=1e-3)
+    assert len(parts[0].time) == 18
+    np.testing.assert_array_equal(parts[-1].time, found.time)
+    assert lines == [f"written: {tmp_path / name}" for name in ("out", "out-2")]
