@@ -173,8 +173,8 @@ def main(minutes: float, faults: int, work: Path) -> None:
     simulate(work, minutes, faults)
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    told = work, port, faults, minutes * 60 / (faults + 1)
-    multiprocessing.get_context("spawn").Process(target=serve, args=told, daemon=True).start()
+    arguments = work, port, faults, minutes * 60 / (faults + 1)
+    multiprocessing.get_context("spawn").Process(target=serve, args=arguments, daemon=True).start()
     while not (work / "listening").exists():
         time.sleep(1)
     video.GIVE_UP_S = 2 * QUIET_S  # after the end

@@ -28,7 +28,7 @@ class ControllerFeed:
     """Follows the controller's data.
 
     Stamps of rows and times of frames are related by this computer's clock at their arrival, so that only their
-    differences count. What a file held before the first `poll` is not read.
+    differences count. Rows before the first `poll` are not read.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class ControllerFeed:
         self.problem = ""
         delay = clock - float(found.time[-1]) - self._lag
         if self._delays and abs(delay - min(self._delays)) > CLOCK_S:
-            self.news = "its clock jumped; it is related to that of the pictures anew"
+            self.news = "its clock jumped; it is related to that of the pictures again"
             self._delays.clear()
             for tail in self._tails.values():
                 tail.forget()
@@ -117,7 +117,7 @@ class _Tail:
         return self._header + b"".join(self._lines)
 
     def read(self) -> bool:
-        """Read complete new lines; whether there are any. A file that became shorter was begun anew."""
+        """Read complete new lines; whether there are any. A file that became shorter is read from its beginning."""
         try:
             with self._path.open("rb") as file:
                 end = file.seek(0, os.SEEK_END)
