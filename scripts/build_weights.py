@@ -219,6 +219,8 @@ def reader(work: Path, *, quick: bool, workers: int) -> list[Path]:
 
 def install(nets: Sequence[Path], out: Path) -> None:
     """Copy nets and their cards; broken off, it leaves no pose net, and so no mixture that can be used."""
+    for net in nets:
+        net.with_suffix(".md").resolve(strict=True)  # a card is written last
     if len(nets) > 1:
         (out / LAST).unlink(missing_ok=True)
     for net in sorted(nets, key=lambda net: net.name == LAST):

@@ -13,7 +13,7 @@ from scipy.special import expit, logit  # noqa: E402
 
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
-from simgrab.instrument.detect.grab import Settings  # noqa: E402
+from simgrab.instrument.detect.grab import Calibration, Settings  # noqa: E402
 from simgrab.instrument.detect.patches import POSE_SIZE, Patch, cut  # noqa: E402
 from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.records.observations import Detection  # noqa: E402
@@ -418,7 +418,10 @@ def test_presences_become_probabilities(dataset, tmp_path):
     ]
     assert evaluate.platt(seen) == pytest.approx((0.5, 1.0), abs=0.08)
     assert evaluate.recalibrated(seen[:1], 0.5, 1.0)[0].detection.score == pytest.approx(expit(0.5 * logits[0] + 1.0))
-    assert evaluate.platt(seen[:20]) == (1.0, 0.0)  # too few
+    assert evaluate.platt(seen[:20]) is None  # too few
+    looks = SimpleNamespace(settings=Settings(), calibration=Calibration(slope=0.7, offset=-0.4))
+    found = evaluate.calibrated(looks, seen[:20], before=looks)[0]["calibration"]
+    assert (found["slope"], found["offset"]) == (0.7, -0.4)
 
 
 def test_a_threshold_falls_only_if_enough_frames_show_no_grab(dataset, tmp_path):
@@ -431,7 +434,8 @@ def test_a_threshold_falls_only_if_enough_frames_show_no_grab(dataset, tmp_path)
     )
     looks = SimpleNamespace(settings=Settings())
     for empty, before, kept in ((49, 0.85, True), (50, 0.85, False), (49, 0.0, False), (5, 0.2, False)):
-        facts, figures = evaluate.calibrated(looks, [grab] + [nothing] * empty, before=before)
+        first = SimpleNamespace(settings=Settings(least_presence=before), calibration=Calibration())
+        facts, figures = evaluate.calibrated(looks, [grab] + [nothing] * empty, before=first)
         presence = facts["settings"]["least_presence"]
         assert presence == before if kept else 0.2 < presence < 0.6
         assert figures["recall"] == (0 if kept else 1)

@@ -64,7 +64,10 @@ def watch(
 
 
 def calibrated(
-    detector: GrabDetector, detected: Sequence[DetectedFrame], real: Sequence[DetectedFrame] = (), before: float = 0.0
+    detector: GrabDetector,
+    detected: Sequence[DetectedFrame],
+    real: Sequence[DetectedFrame] = (),
+    before: GrabDetector | None = None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Fit the presence, its threshold and the factors of deviations to what a detector without them outputs.
 
@@ -74,9 +77,9 @@ def calibrated(
         Whose other settings are kept.
     detected, real : sequence of DetectedFrame
         Of rendered frames, and of real ones.
-    before : float
-        Presence threshold of the detector that this one began with. It becomes no lower unless enough of the frames
-        show no grab: else too few show what else may be taken for one.
+    before : GrabDetector, optional
+        The detector that this one began with. Its threshold becomes no lower unless enough of the frames show no grab:
+        else too few show what else may be taken for one. Its fit of the presence is kept where frames are too few.
 
     Returns
     -------
@@ -85,11 +88,12 @@ def calibrated(
     figures : dict
         `metrics` of the rendered frames then.
     """
-    slope, offset = platt([*detected, *real])
+    kept = (before.calibration.slope, before.calibration.offset) if before else (1.0, 0.0)
+    slope, offset = platt([*detected, *real]) or kept
     detected, real = (recalibrated(some, slope, offset) for some in (detected, real))
     presence = round(least_presence([*detected, *real]), 4)
-    if sum(not one.frame.labelled for one in [*detected, *real]) < _FEWEST_EMPTY:
-        presence = max(presence, before)
+    if sum(not one.frame.labelled for one in [*detected, *real]) < _FEWEST_EMPTY and before:
+        presence = max(presence, before.settings.least_presence)
     detected, real = by(presence, detected), by(presence, real)
     settings = msgspec.structs.asdict(msgspec.structs.replace(detector.settings, least_presence=presence))
     factors = {name: _factor(some) for name, some in errors_over_sd([*detected, *real]).items()}
@@ -98,8 +102,10 @@ def calibrated(
     return {"settings": settings, "calibration": calibration}, metrics(detected)
 
 
-def platt(detected: Sequence[DetectedFrame]) -> tuple[float, float]:
+def platt(detected: Sequence[DetectedFrame]) -> tuple[float, float] | None:
     """Fit slope and offset by which logits of the presence become those of a probability (Platt 1999).
+
+    None where hits or boxes on empty frames are too few.
 
     Parameters
     ----------
@@ -109,7 +115,7 @@ def platt(detected: Sequence[DetectedFrame]) -> tuple[float, float]:
     known = [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
     there = np.array([one.hit for one in known], float)
     if min(there.sum(), (1 - there).sum()) < _FEWEST:
-        return 1.0, 0.0
+        return None
     logits = logit(np.clip([one.detection.score for one in known], _LEAST, 1 - _LEAST))
     # Targets short of 0 and 1, so that a perfect separation has a finite slope.
     wanted = np.where(there == 1, (there.sum() + 1) / (there.sum() + 2), 1 / ((1 - there).sum() + 2))

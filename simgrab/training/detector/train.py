@@ -203,8 +203,7 @@ def fit(
     seen = evaluate.watch(detector, frames.val, step("detecting in val images"))
     others = evaluate.watch(detector, frames.real, step("detecting in real val images")) if frames.real else []
     first = GrabDetector(Path(start)) if start is not None else None
-    least = first.settings.least_presence if first else 0.0
-    fitted, figures = evaluate.calibrated(detector, seen, others, before=least)
+    fitted, figures = evaluate.calibrated(detector, seen, others, before=first)
     write(out / "pose.onnx", facts | fitted)
     if first:
         before = evaluate.watch(first, frames.val, step("detecting with the first weights"))
