@@ -14,10 +14,12 @@ import click
 import msgspec
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from simgrab.dataset.tables import calibration_of
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PendulumSmoother
+from simgrab.instrument.estimate.pendulum_smoother import WANDER_S
 from simgrab.model import scenes
 from simgrab.model.geometry import Array, to_camera
 from simgrab.model.rng import stream
@@ -39,6 +41,7 @@ OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 1.0
 @click.option("--clips", default=6, show_default=True)
 @click.option("--frames", default=2700, show_default=True, help="Of each clip, 9 a second.")
 @click.option("--noise-px", default=1.3, show_default=True, help="Per coordinate, 1920 px across.")
+@click.option("--wander-px", default=0.0, show_default=True, help="Of errors that last for some seconds.")
 @click.option("--rate-hz", default=20.0, show_default=True)
 @click.option("--slew-deg", default=0.044, show_default=True, help="Resolution.")
 @click.option("--radius-m", default=0.01, show_default=True, help="Resolution.")
@@ -47,7 +50,14 @@ OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 1.0
 @click.option("--gap-s", default=0.0, show_default=True, help="Of each minute, without readings.")
 @click.option("--without", is_flag=True, help="Without a controller.")
 def main(
-    worlds: tuple[str, ...], first: int, clips: int, frames: int, noise_px: float, without: bool, **reading: float
+    worlds: tuple[str, ...],
+    first: int,
+    clips: int,
+    frames: int,
+    noise_px: float,
+    wander_px: float,
+    without: bool,
+    **reading: float,
 ) -> None:
     """Print one line for each world."""
     for world in worlds or WORLDS:
@@ -67,8 +77,10 @@ def main(
             turn = np.array([m.tilt.jib_from_camera for m in moments])
             pixels = known.intrinsics.project(to_camera(centre, turn, np.array(known.offset_m)))
             x, y, z = (np.array(known.offset_m) + rng.normal(0, OFFSET_SD_M, 3)).tolist()
-            found = PendulumSmoother(controller=None if without else _readings(time, jib, rng, **reading)).estimate(
-                pixels + rng.normal(0, noise_px, pixels.shape),
+            controller = None if without else _readings(time, jib, rng, **reading)
+            pixels += rng.normal(0, noise_px, pixels.shape) + wander_px * _wandering(time, rng)
+            found = PendulumSmoother(controller=controller, wander_px=wander_px).estimate(
+                pixels,
                 msgspec.structs.replace(known, offset_m=(x, y, z), offset_sd_m=OFFSET_SD_M),
                 rope_length=np.round(rope / ROPE_STEP_M) * ROPE_STEP_M,
                 time=time,
@@ -85,6 +97,14 @@ def main(
             f"{world:16s} RMSE {rmse:.3f}° ({each}); 95 % hold {100 * np.mean(held):.1f} %; {refused} refused",
             flush=True,
         )
+
+
+def _wandering(time: Array, rng: np.random.Generator) -> Array:
+    """Draw errors (n, 2) of unit variance that are alike for `WANDER_S`."""
+    stay = float(np.exp(-np.diff(time).mean() / WANDER_S))
+    draws = rng.normal(0, np.sqrt(1 - stay**2), (len(time), 2))
+    draws[0] /= np.sqrt(1 - stay**2)
+    return lfilter([1.0], [1.0, -stay], draws, axis=0)
 
 
 def _readings(

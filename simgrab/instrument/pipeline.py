@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -207,9 +207,8 @@ class Pipeline:
             clock = clock_offset(controller, time, ropes.length)
             controller = controller.shifted(clock)
             ropes = _with_lengths(ropes, controller, time)
-        chosen = self.chosen(calibration)
-        estimator = _informed(chosen, controller)
         record, estimate, tilt = angles.arrays(observations, ropes), None, self.tilt
+        estimator = _informed(self.chosen(calibration), controller, record)
         if tilt is None:
             if self.calibrate_s is not None and record.time is None:
                 raise RunError("independent frames have no first part to calibrate on")
@@ -225,7 +224,7 @@ class Pipeline:
         if estimate is not None and self.calibrate_s is None:
             alpha, ends = angles.by_estimate(record, estimator, estimate)
         ahead_s = None
-        if estimate is None or not (estimator.needs_imu or estimator is not chosen):  # whose cameras move
+        if estimate is None or not _moving(estimator):
             # Forecasts rest on the tilt of all of the record, but on no later frames.
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
         return MeasuredRecord(record, angles.measurements(record, alpha, ends, ahead=ahead_s), estimate, tilt, clock)
@@ -326,11 +325,20 @@ def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker 
     return InertialTracker(estimator, calibration)
 
 
-def _informed(estimator: Estimator, controller: Controller | None) -> Estimator:
-    """Give what the controller reports of the jib's motion to an estimator that uses it."""
-    reports = controller is not None and controller.reports_motion
-    takes = reports and any(one.name == "controller" for one in fields(estimator))
-    return replace(estimator, controller=controller) if takes else estimator  # type: ignore[call-arg]
+def _informed(estimator: Estimator, controller: Controller | None, record: RecordArrays) -> Estimator:
+    """Give an estimator that uses them the controller's report of the jib's motion, and the detector's deviation."""
+    stated, given = record.pixel_sd[record.pixel_sd > 0], dict[str, Any]()
+    if controller is not None and controller.reports_motion:
+        given["controller"] = controller
+    if len(stated):
+        given["wander_px"] = float(np.median(stated))
+    names = {one.name for one in fields(estimator)}
+    return replace(estimator, **{name: value for name, value in given.items() if name in names})
+
+
+def _moving(estimator: Estimator) -> bool:
+    """Whether an estimator takes the camera as one that moves."""
+    return estimator.needs_imu or getattr(estimator, "controller", None) is not None
 
 
 def _with_lengths(ropes: Rope, controller: Controller, time: Array) -> Rope:

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.jib import STEP_S, JibMotion
 from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
-from simgrab.instrument.estimate.pendulum_fit import _until_hoisted
+from simgrab.instrument.estimate.pendulum_fit import _digging
 from simgrab.model.scenario import Camera, LevelledMount
 from simgrab.world.trajectory.mount import Mount
 
@@ -74,12 +75,12 @@ def test_the_camera_levels_itself_as_the_worlds_does():
 
 
 def test_a_grab_that_digs_does_so_until_it_is_hoisted_and_one_that_hangs_feels_a_gust():
-    rate = np.repeat([1.0, 0.0, -1.0, 0.0, 1.0], [50, 130, 50, 450, 50])
-    forces = np.zeros(len(rate))
-    forces[[60, 400]] = 10.0  # as jaws close, and in a rest too long for digging
-    found = _until_hoisted(forces, rate, np.full(len(rate), 0.1))
-    assert (found[65:165] == 10).all()
-    assert np.flatnonzero(found[200:]).tolist() == [200]
+    rests = np.repeat([False, True, False, True, False], [50, 130, 50, 450, 50])
+    forces = np.zeros(len(rests))
+    forces[[20, 45, 60, 400]] = 10.0  # as it is carried, touches down and closes, and in a rest too long for digging
+    found = _digging(forces, rests, np.full(len(rests), 0.1), 10)
+    assert (found[50:180] == 10).all()
+    assert np.flatnonzero(np.delete(found, range(50, 180))).tolist() == [45, 400 - 130]
 
 
 @pytest.mark.parametrize("mount", ["levelled", "rigid"])
@@ -98,3 +99,18 @@ def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount):
     assert found.diagnostics["clock_s"] == pytest.approx(0.4, abs=0.15)
     assert found.diagnostics["follows"] == pytest.approx(float(mount == "levelled"), abs=0.1)
     assert np.degrees(found.diagnostics["pitch_per_m"]) == pytest.approx(2.0 * (mount == "rigid"), abs=0.2)
+
+
+def test_a_detector_whose_errors_last_for_seconds_needs_their_deviation():
+    crane = swinging.record(fixed=False, frames=400, seed=107, camera__mount={"model": "levelled"})
+    rng, stay = np.random.default_rng(3), np.exp(-1 / 90)  # 10 s at 9 frames a second
+    lasting = lfilter([1.0], [1.0, -stay], rng.normal(0, 4.0 * np.sqrt(1 - stay**2), crane.pixels.shape), axis=0)
+    pixels = crane.pixels + lasting + rng.normal(0, 0.3, crane.pixels.shape)
+    given = {"rope_length": np.round(crane.rope, 2), "time": crane.time}
+    reports, errors = controller(crane.time, crane.jib), []
+    for wander in (0.0, 4.0):
+        found = PendulumSmoother(controller=reports, wander_px=wander).estimate(pixels, crane.calibration, **given)
+        errors.append(np.degrees(np.sqrt(np.mean((found.alpha - crane.alpha) ** 2))))
+    low, high = found.interval("posterior").alpha.T
+    assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.9
+    assert errors[1] < 0.1 < errors[0]

@@ -7,7 +7,7 @@ whose strength maximises the likelihood of the readings.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,7 @@ REST_S = 10.0  # in which a jib without readings comes to rest
 SPEED = 2.0  # m/s, of luffing and of the jib head as it slews
 ROUNDS = 7
 RADIUS_M = 25.0  # where no radius is reported
+LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +38,15 @@ class JibMotion:
         Heading, rad; radius minus its mean, m; velocity of O, m/s (2); lean of the camera that a sensor reports, rad
         (2, jib frame).
     drift : float
-        Random walk of the error of this lean, rad/√s per axis.
+        Noise that drives errors of the direction of sight, rad/√s per axis.
+    memory_s : float
+        Time after which such an error is forgotten: inf for that of the sensor's lean, which is a random walk.
     """
 
     time: Array
     course: Array
     drift: float = 0.0
+    memory_s: float = np.inf
 
     @classmethod
     def at_rest(cls) -> JibMotion:
@@ -65,6 +69,22 @@ class JibMotion:
         across = np.stack([-out[:, 1], out[:, 0]], axis=-1)
         velocity = radius[:, 1:2] * out + (reach * slew[:, 1])[:, None] * across
         return cls(time, np.column_stack([slew[:, 0], reach - reach.mean(), velocity, np.zeros_like(velocity)]))
+
+    @property
+    def sensed(self) -> bool:
+        """Whether a sensor reports the camera's lean."""
+        return self.drift > 0 and self.memory_s == np.inf
+
+    def wandering(self, sd: float, memory_s: float) -> JibMotion:
+        """Return a copy with an error of the direction of sight of this standard deviation, rad per axis."""
+        return replace(self, drift=sd * np.sqrt(2 / memory_s), memory_s=memory_s)
+
+    def drifted(self, step: Array) -> tuple[float, Array]:
+        """Variance per axis, rad², of this error at first, and what it gains in steps (k,) of so many seconds."""
+        if self.sensed:
+            return LEVEL_SD**2, self.drift**2 * step
+        variance = self.drift**2 * self.memory_s / 2
+        return variance, -variance * np.expm1(-2 * step / self.memory_s)
 
     @property
     def moves(self) -> bool:

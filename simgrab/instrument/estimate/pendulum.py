@@ -9,7 +9,8 @@ would come to rest. Its correlation decays exponentially.
 `PendulumSmoother` has states ``(s_x, s_y, p_x, p_y, a_x, a_y)``, whose model is in this module, in a level frame that
 does not turn with the jib. `JibMotion` gives the jib's heading in it, the acceleration of O, and how the camera leans;
 all are 0 where neither a controller nor an inertial sensor reports them. An inertial sensor's lean is wrong by the tilt
-and by a drift, which are two more numbers of the state.
+and by a drift, which are two more numbers of the state. A detector's errors that last for seconds look the same, and take
+the same place.
 
 The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab
 leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is the lean of OA.
@@ -43,7 +44,7 @@ LONGER, WIND, CLOCK, FOLLOWS, FREQUENCY, LEVELLING, LUFFING = 7, slice(8, 10), 1
 # and misalignment, by which a change of lean is measured wrongly.
 REACH, SCALE = 15, slice(16, 20)
 PARAMETERS = 20
-STATE = 6  # numbers of a state; 8 where a sensor's error of the camera's lean drifts (rad, jib frame)
+STATE = 6  # numbers of a state; 8 where errors of the direction of sight drift (rad, jib frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +59,15 @@ class Links:
         Rope length at both ends, m.
     length : float
         The fixed length that scales p, m.
+    memory_s : float
+        Correlation time of states beyond the sixth.
     """
 
     step: Array
     before: Array
     after: Array
     length: float
+    memory_s: float = np.inf
 
     @property
     def fast(self) -> Array:
@@ -190,6 +194,7 @@ def advance(x: Array, parameters: Array, links: Links, acceleration: Array | flo
     result = x + h / 6 * (a + 2 * b + 2 * c + d)
     result[:, :2] *= (levers[1] / links.after)[:, None]
     result[:, 4:6] *= np.exp(-h / MEMORY_S)
+    result[:, 6:] *= np.exp(-h / links.memory_s)
     return np.asarray(result)
 
 
@@ -211,7 +216,7 @@ def camera(parameters: Array, time: Array, jib: JibMotion, drift: Array | float 
     course = jib.at(time)
     level_from_jib = rotation_z(course[:, 0])
     leans = sensed_lean(parameters, course) + parameters[TILT] + drift
-    if not jib.drift:
+    if not jib.sensed:
         leans += parameters[FOLLOWS] * jib.levelled(np.exp(parameters[FREQUENCY]), np.exp(parameters[LEVELLING]), time)
         leans[:, 0] += parameters[LUFFING] * course[:, 1]
     turn = level_from_jib @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
@@ -248,6 +253,6 @@ def derivatives_of_place(
     by_state = jacobian(lambda e: seen_from(turn, (x + e)[:, :2], rope, offset), size, (0, 1))
     if jib.drift:
         by_state += jacobian(lambda e: seen(still, e[6:]), size, (6, 7))
-    of_jib = (CLOCK, *range(SCALE.start, SCALE.stop)) if jib.drift else range(CLOCK, REACH) if jib.moves else ()
+    of_jib = (CLOCK, *range(SCALE.start, SCALE.stop)) if jib.sensed else range(CLOCK, REACH) if jib.moves else ()
     by_parameter = jacobian(seen, PARAMETERS, (*range(OFFSET.stop), *of_jib))
     return seen_from(turn, x[:, :2], rope, offset), by_state, by_parameter

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from simgrab.instrument.estimate.chain import Minimum, linear, prior
 from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.pendulum import (
+    CLOCK,
     DEGREES,
     FREQUENCY,
     LEVELLING,
@@ -32,12 +34,12 @@ SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the stren
 STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 WHOLE_STEPS = 6  # after which steps are halved: frequency and damping of a camera that does not move are any
 LEAST_SENSED = 3e-5  # m²/s³, of white acceleration beside what a sensor reports: no grab is a better pendulum
-LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: the tilt takes it up
 CLOSE = 0.02  # of the tilt's uncertainty, below which such a step changes nothing
 FARTHEST = np.array([[-4.0], [4.0]])  # standard deviations that the camera's frequency and damping stay within
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 LEAST_GUSTS = 2e-4  # rad, of the slow forcing by gusts, where the controller accounts for the jib: a breeze of 4 m/s
-REST_M_S, DIG_S = 0.1, 30.0  # speed below which a hoist rests, and the longest time for which a grab digs
+# Speeds below which hoist and jib rest, and the longest time for which a grab digs.
+REST_M_S, JIB_RESTS_M_S, DIG_S = 0.1, 0.2, 30.0
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ def _linearised(
     """
     k, d = path.shape
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
-    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()))
+    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), priors.jib.memory_s)
     joined = ~nodes.first[1:]
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
     ahead = np.broadcast_to(np.eye(d), (k - 1, d, d))
@@ -172,7 +174,10 @@ def _linearised(
             excess(residual, precisions[0], 4, LEAST_FAST, across),
             excess(residual, precisions[1], 2, LEAST_SLOW**2, across),
         )
-        free = np.maximum(1, _until_hoisted(beyond, np.diff(nodes.rope) / step, step)) ** -2.0
+        jib = priors.jib.at(nodes.time[1:] + parameters[CLOCK])[:, 2:4]
+        hoist = scipy.ndimage.uniform_filter1d(np.diff(nodes.rope) / step, across)
+        rests = (np.abs(hoist) < REST_M_S) & (np.hypot(*jib.T) < JIB_RESTS_M_S)
+        free = np.maximum(1, _digging(beyond, rests, step, across)) ** -2.0
     fast, slow = (
         linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
     )
@@ -183,10 +188,10 @@ def _linearised(
         steady[WIND] = STEADY**-2.0
     slow += prior(path, starts * loose, parameters, steady)
     fixed = prior(path, starts * first, parameters - priors.mean, np.asarray(priors.sd**-2.0))
-    if priors.jib.drift:  # its mean is the tilt
-        held = np.zeros((k, d))
-        held[0, 6:] = LEVEL_SD**-2.0
-        walk = of_axes(1 / (priors.jib.drift**2 * np.diff(nodes.time))[:, None, None], 6, d)
+    if priors.jib.drift:
+        held, (begun, added) = np.zeros((k, d)), priors.jib.drifted(np.diff(nodes.time))
+        held[0, 6:] = 1 / begun
+        walk = of_axes(1 / added[:, None, None], 6, d)
         fixed += linear(-by_state, -by_parameter, residual, walk, ahead) + prior(
             path, held, parameters, np.zeros_like(parameters)
         )
@@ -199,21 +204,21 @@ def _linearised(
     leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
     posterior = Weighed(
         fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px,
-        LEAST_SENSED if priors.jib.drift else 1e-9, LEAST_GUSTS if priors.jib.moves else 1e-5,
+        LEAST_SENSED if priors.jib.sensed else 1e-9, LEAST_GUSTS if priors.jib.moves else 1e-5,
     )  # fmt: skip
     return posterior, weight, error2, free
 
 
-def _until_hoisted(beyond: Array, rate: Array, step: Array) -> Array:
-    """Excess forces (k,); while the hoist rests, the greatest of that rest: a grab that digs does so until hoisted.
+def _digging(beyond: Array, rests: NDArray[np.bool_], step: Array, across: int) -> Array:
+    """Excess forces (k,) where a grab may dig: hoist and jib rest, or do so within ``across`` steps.
 
-    A longer rest than digging takes keeps its forces: there the grab hangs.
+    For the whole rest it is the greatest one, because a grab that digs does so until it is hoisted. A longer rest than
+    digging takes keeps its forces: there the grab hangs.
     """
-    across = max(int(WINDOW_S / np.median(step)), 1)
-    rests = np.abs(scipy.ndimage.uniform_filter1d(rate, across)) < REST_M_S
     rest = np.cumsum(np.diff(rests, prepend=rests[0]))
     most = scipy.ndimage.maximum(beyond, rest, np.arange(rest[-1] + 1))
-    return np.where(rests & (np.bincount(rest, step)[rest] < DIG_S), most[rest], beyond)
+    found = np.where(rests & (np.bincount(rest, step)[rest] < DIG_S), most[rest], beyond)
+    return np.where(scipy.ndimage.binary_dilation(rests, iterations=across), found, 0.0)
 
 
 def _information(weight: Array, error2: Array) -> float:

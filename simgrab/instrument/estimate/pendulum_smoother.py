@@ -59,6 +59,7 @@ AROUND_S = 1.0  # of a sensor's readings before the first and after the last fra
 SENSOR_CLOCK_SD_S = 0.03
 SENSOR_SCALE_SD = 0.01  # of scale and misalignment: cheap sensors have 1 %, and 0.4° (docs/sensors.md)
 REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
+WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change in that time
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
@@ -101,6 +102,9 @@ class PendulumSmoother(PathEstimator):
     imu : ImuReadings or None
         Readings of an inertial sensor in the camera's housing. Its gyroscope measures how the camera turns, and its
         accelerometer the acceleration of O, in place of the controller; β is the camera's mean tilt.
+    wander_px : float
+        Standard deviation per coordinate of errors of the pixel that last for some seconds, beside those that change
+        from frame to frame. `simgrab run` takes it from the detector. Not with ``imu``.
     longer_m, longer_sd_m : float
         With a controller or a sensor, prior of the length of the equivalent simple pendulum minus \|OA\|.
 
@@ -126,6 +130,7 @@ class PendulumSmoother(PathEstimator):
     tilt_sd: float = 0.35
     controller: Controller | None = None
     imu: ImuReadings | None = None
+    wander_px: float = 0.0
     longer_m: float = 0.4
     longer_sd_m: float = 0.5
 
@@ -171,6 +176,8 @@ class PendulumSmoother(PathEstimator):
             mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = FOLLOWING
             sd[LUFFING], sd[CLOCK] = PITCH_SD, max(self.controller.clock_sd_s, LEAST_CLOCK_SD_S)
             sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
+        if imu is None and self.wander_px > 0:
+            jib = jib.wandering(self.wander_px / focal_px, WANDER_S)
         start = mean.copy()
         if imu is None:
             start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
