@@ -9,8 +9,8 @@ would come to rest. Its correlation decays exponentially.
 `PendulumSmoother` has states ``(s_x, s_y, p_x, p_y, a_x, a_y)``, whose model is in this module, in a level frame that
 does not turn with the jib. `JibMotion` gives the jib's heading in it, the acceleration of O, and how the camera leans;
 all are 0 where neither a controller nor an inertial sensor reports them. An inertial sensor's lean is wrong by the tilt
-and by a drift, which are two more numbers of the state. A detector's errors that last for seconds look the same, and take
-the same place.
+and by a drift, which are two more numbers of the state. A detector's errors that last for seconds look the same,
+and take the same place.
 
 The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab
 leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is the lean of OA.
