@@ -10,12 +10,15 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
 from simgrab.cli import _lenses
 from simgrab.cli._options import PATH, together
+
+if TYPE_CHECKING:
+    from simgrab.model.scenario import Grab
 
 T = TypeVar("T")
 GRABS = ("four-rope", "clamshell", "orange-peel", "scissors")
@@ -83,14 +86,20 @@ def command(file: Path, yes: bool, **given: str | None) -> None:
     text = _scene(answers, file)
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
-        scenes.load(draft)
-    mesh = 'model = "mesh"' in text
+        size = _size_of_model(scenes.load(draft).grab) if 'model = "mesh"' in text else []
     for line in (
         *(f"assumed: {line}" for line in answers.assumed),
-        *([f"first: simgrab grab check {file} shows whether the 3-D model's size and axes are right"] if mesh else ()),
+        *(f"grab.file: {line}" for line in size),
+        *([f"first: simgrab grab check {file} shows whether the 3-D model's size and axes are right"] if size else ()),
         f"next: simgrab render {file}; [vary] draws again after each clip.clip_frames frames",
     ):
         click.echo(printable(line))
+
+
+def _size_of_model(grab: Grab) -> list[str]:
+    from simgrab.judge.own_grab import remarks  # imports what renders
+
+    return remarks(grab)
 
 
 class _Answers:

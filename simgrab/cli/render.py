@@ -60,7 +60,7 @@ def command(
     from simgrab.dataset.shards import frames_of
     from simgrab.dataset.summary import Summary, VideoSummary, doubts
     from simgrab.dataset.video.render import render_video
-    from simgrab.judge.own_grab import doubts_of_axis
+    from simgrab.judge.own_grab import remarks
     from simgrab.model.scenario import Iid
     from simgrab.reports.terminal import stdout, table
     from simgrab.world.extensions import Extensions, Recipe
@@ -68,8 +68,8 @@ def command(
     given = Extensions.of(randomiser, trajectory, effects)
     given.refuse_others(scene)
     recipe, how = Recipe(scenario, given), ""
-    for doubt in () if quiet else doubts_of_axis(scenario.grab):
-        click.echo(printable(f"grab.file: {doubt}"), err=True)
+    for line in () if quiet else remarks(scenario.grab):
+        click.echo(printable(f"grab.file: {line}"), err=True)
     if cluster is not None and workers is not None:
         raise click.UsageError("--cluster replaces --workers: give only one of them")
     if cluster is not None:

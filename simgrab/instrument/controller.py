@@ -47,6 +47,8 @@ class Controller:
         Readings that were refused, with their number and the reason, a line each.
     hold_s : float
         How long the rope's length is taken to stay after the last reading.
+    clock_from : str
+        What states the clock.
     """
 
     time: Array
@@ -59,6 +61,7 @@ class Controller:
     clock_sd_s: float = 0.0
     notes: tuple[str, ...] = ()
     hold_s: float = 0.0
+    clock_from: str = "its description"
 
     @property
     def reports_motion(self) -> bool:
@@ -68,7 +71,7 @@ class Controller:
     @property
     def stated_clock(self) -> ClockOffset:
         """The offset of its clock as its description states it."""
-        return ClockOffset(0.0, self.clock_sd_s, "its description")
+        return ClockOffset(0.0, self.clock_sd_s, self.clock_from)
 
     def rope_at(self, time: Array) -> Array:
         """Interpolate the rope's length at times (m,); NaN outside of the readings and in their gaps."""

@@ -77,9 +77,9 @@ class ControllerFeed:
         clock = time.monotonic() if clock is None else clock
         self.news = ""
         self._late.append(clock - now)
-        if not sum(tail.read() for tail in self._tails.values()):
-            return self._controller
         try:
+            if not sum(tail.read() for tail in self._tails.values()):
+                return self._controller
             found = read_controller(self._path, self._facts, self._table)
         except RecordError as problem:
             self.problem = str(problem)
@@ -127,6 +127,7 @@ class _Tail:
                     file.seek(0)
                     first = file.readline(HEADER_BYTES)
                     self._header = first if first.endswith(b"\n") else b""
+                    parsed_csv(self._header or b"-", self._path, "")  # refuses other separators
                     self._position = end if self._position is None and self._header else self._position
                 if not self._header or self._position is None:
                     return False

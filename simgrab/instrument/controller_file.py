@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
 from simgrab.instrument.controller import Controller
-from simgrab.instrument.estimate.tables import read_texts
+from simgrab.instrument.estimate.tables import decimal_comma, read_texts
 from simgrab.instrument.read import Hoist, consistent
 from simgrab.instrument.rope import bridged
 from simgrab.io.parse import read_toml, shown
@@ -41,6 +41,7 @@ _LIMITS = {
     "rope": (0.0, LONGEST_M, 3.0, "m"),
 }  # fmt: skip
 _MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
+DAY_S = 86_400.0
 _MOST_RATE = 3.0  # ratio of the stated rate to that of the readings
 Meta = msgspec.Meta
 Bad = NDArray[np.bool_]
@@ -54,8 +55,8 @@ class ClockColumn(Checked, frozen=True, kw_only=True):
     column : str
     unit : str
         ``"s"``, ``"ms"``, ``"us"``, ``"ns"``, or ``"iso"`` for texts such as 2026-03-02T08:15:00.25.
-    start : float or str
-        Time of the first frame, as the column has it.
+    start : float or str or None
+        Time of the first frame, as the column has it; None is 0.
     clock_sd_s : float
         Standard deviation of the difference between the two clocks.
     """
@@ -64,7 +65,7 @@ class ClockColumn(Checked, frozen=True, kw_only=True):
 
     column: str
     unit: Literal["s", "ms", "us", "ns", "iso"] = "s"
-    start: float | str = 0.0
+    start: float | str | None = None
     clock_sd_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
 
     def check(self) -> None:  # noqa: D102
@@ -235,6 +236,8 @@ def read_controller(
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
         joined[holes + 1 + np.arange(len(holes))] = np.nan
         found |= {name: joined, f"{name}_sd": sd}
+    if facts.time.start is None:
+        found["clock_from"] = f"its description without time.start: the first frame is at 0 of {facts.time.column!r}"
     return Controller(grid, **found, clock_sd_s=facts.time.clock_sd_s, notes=tuple(notes))
 
 
@@ -279,10 +282,13 @@ def _rows(path: Path, table: pa.Table, clock: ClockColumn, notes: list[str]) -> 
         assert isinstance(clock.start, str)
         start = _moment(clock.start)
         time, bad = _parsed(path, table, clock.column, lambda text: (_moment(text) - start).total_seconds())
+        cure = "; dates such as 2026-03-02T08:15:00 are needed"
     else:
         time, bad = _parsed(path, table, clock.column, float)
-        time = (time - float(clock.start)) * UNITS[clock.unit]
-    time = refuse(time, bad | ~np.isfinite(time), "not a time")
+        time, passes = _past_midnight(time * UNITS[clock.unit], float(clock.start or 0.0) * UNITS[clock.unit])
+        notes += [f"{path}: time, column {clock.column!r}: passes midnight; later rows are of the next day"] * passes
+        cure = _of_commas(table, clock.column, bad)
+    time = refuse(time, bad | ~np.isfinite(time), "not a time", cure)
     known = np.flatnonzero(np.isfinite(time))
     kept = known[_increasing(time[known])]
     back = np.isfinite(time)
@@ -296,7 +302,7 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
     where, scale = f"{rows.path}: {name}, column {quantity.column!r}", UNITS[quantity.unit]
     refuse = _Refusing(where, rows.kept, notes)
     cells, bad = _parsed(rows.path, rows.table, quantity.column, float)
-    raw = refuse(cells[rows.kept], bad[rows.kept], "not a number")
+    raw = refuse(cells[rows.kept], bad[rows.kept], "not a number", _of_commas(rows.table, quantity.column, bad))
     low, high, speed, unit = _LIMITS[name]
     values = raw * scale + getattr(quantity, "constant_m", 0.0)
     wrong = ~((values > low) & (values < high)) & np.isfinite(values)
@@ -353,6 +359,11 @@ def _parsed(path: Path, table: pa.Table, name: str, parse: Any) -> tuple[Array, 
     return values, bad
 
 
+def _of_commas(table: pa.Table, name: str, bad: Bad) -> str:
+    """Name the cure where the first of the bad cells (n,) of a column has a decimal comma."""
+    return decimal_comma(str(table[name][int(bad.argmax())])) if bad.any() else ""
+
+
 def _moment(text: str) -> datetime:
     """Read a date with a time; one without a zone is taken for UTC, in ``start`` and the column alike."""
     try:
@@ -360,6 +371,21 @@ def _moment(text: str) -> datetime:
     except ValueError:
         raise RecordError(f"start: must be such as 2026-03-02T08:15:00, got {shown(text)}") from None
     return found if found.tzinfo else found.replace(tzinfo=UTC)
+
+
+def _past_midnight(time: Array, start: float) -> tuple[Array, bool]:
+    """Return times (n,) since the start, s, and whether they are times of day that pass midnight."""
+    known = np.isfinite(time)
+    day = time[known]
+    steps = np.diff(day, prepend=day[:1])
+    days = np.maximum(np.cumsum((steps < -DAY_S / 2).astype(int) - (steps > DAY_S / 2)), 0)
+    if not days.any() or not days[-1] or day.min() < 0 or day.max() > DAY_S:
+        return time - start, False
+    later = time.copy()
+    later[known] += DAY_S * days
+    first, last = day[0], day[-1] + DAY_S * days[-1]
+    after = not first <= start <= last and first <= start + DAY_S <= last
+    return later - start - DAY_S * after, True
 
 
 def _increasing(time: Array) -> NDArray[np.int64]:

@@ -61,6 +61,8 @@ class MeasuredRecord:
         Tilt with which the swings were computed; None if there was none.
     clock : ClockOffset or None
         Offset of the controller's clock; None without its data.
+    estimator : Estimator or None
+        What made the estimate, with the readings that it used.
     """
 
     arrays: RecordArrays
@@ -68,6 +70,7 @@ class MeasuredRecord:
     estimate: Estimate | None
     tilt: Known | None
     clock: ClockOffset | None = None
+    estimator: Estimator | None = None
 
 
 @dataclass(frozen=True)
@@ -227,7 +230,8 @@ class Pipeline:
         if estimate is None or not _moving(estimator):
             # Forecasts rest on the tilt of all of the record, but on no later frames.
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
-        return MeasuredRecord(record, angles.measurements(record, alpha, ends, ahead=ahead_s), estimate, tilt, clock)
+        measured = angles.measurements(record, alpha, ends, ahead=ahead_s)
+        return MeasuredRecord(record, measured, estimate, tilt, clock, estimator)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""

@@ -118,18 +118,22 @@ def check(scene: Scenario) -> Understood:
     return Understood(_facts(keys, model, reading, made), doubts, turntable(scene))
 
 
-def doubts_of_axis(grab: Grab) -> list[str]:
-    """Return a doubt if another axis than the format's usual one seems to point up; empty for grabs not from files.
+def remarks(grab: Grab) -> list[str]:
+    """Return the size of a grab from a file, and doubts about its size and axes; empty for other grabs.
 
     Parameters
     ----------
     grab : Grab
         Read by `simgrab.load`.
     """
-    if not isinstance(grab, Mesh) or grab.up != "auto":
+    if not isinstance(grab, Mesh):
         return []
     model = models.recall(grab.sha256, grab.file, functools.partial(ScenarioError, "grab.file"))
-    return _doubts_of_axis(grab, model, read(grab, model))
+    reading = read(grab, model)
+    size = np.ptp(np.concatenate([piece.vertices for piece in reading.pieces]), axis=0)
+    sides = " × ".join(f"{side:.2f}" for side in size)
+    stated = f"taken as {sides} m (x, y, z up), with grab.scale = {grab.scale:g}"
+    return [stated, *_doubts_of_size(size), *_doubts_of_axis(grab, model, reading)]
 
 
 def _extent(design: Design) -> tuple[Array, Array]:
@@ -266,13 +270,16 @@ def _within(n: int) -> Array:
     return np.stack([first, second, 1.0 - first - second], axis=1)
 
 
+def _doubts_of_size(size: Array) -> list[str]:
+    low, high = USUAL_SIDES_M
+    usual = low <= size.max() <= high
+    return [] if usual else [f"The longest side is {size.max():.2f} m; grabs have {low} to {high} m: check scale."]
+
+
 def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
     low, high = _extent(made)
     size = high - low
-    found = []
-    if not USUAL_SIDES_M[0] <= size.max() <= USUAL_SIDES_M[1]:
-        found.append(f"The longest side is {size.max():.2f} m; grabs have {USUAL_SIDES_M[0]} to {USUAL_SIDES_M[1]} m: "
-                     "check scale.")  # fmt: skip
+    found = _doubts_of_size(size)
     if size[2] < 0.35 * size[:2].max():
         found.append("It is much lower than wide: check up.")
     holes = [piece for piece in parts if not piece.closed]

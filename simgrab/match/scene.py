@@ -75,7 +75,14 @@ class Matched:
             write(folder / PAGE, page(self).encode())
 
 
-def match(videos: Sequence[str | Path], detector: Detector, *, night: bool = False, compare: bool = True) -> Matched:
+def match(
+    videos: Sequence[str | Path],
+    detector: Detector,
+    *,
+    night: bool = False,
+    compare: bool = True,
+    report: Callable[[str], None] = lambda _: None,
+) -> Matched:
     """Measure a camera's footage, and write a scene whose frames look alike.
 
     Parameters
@@ -87,13 +94,20 @@ def match(videos: Sequence[str | Path], detector: Detector, *, night: bool = Fal
         Whether they were recorded by floodlights.
     compare : bool
         Whether to render the scene, and to measure it in the same way.
+    report : callable
+        Called with a line at the beginning of each step.
 
     Raises
     ------
     SourceError
         If a video cannot be read, or they differ in size.
     """
-    seen = together([measure(read(video), detector, night=night) for video in videos])
+    parts = []
+    for video in videos:
+        report(f"measuring {Path(video).name}")
+        parts.append(measure(read(video), detector, night=night))
+    seen = together(parts)
+    report("making scenes that match")
     scenario, text = scene_of(seen, night=night)
     training = training_scene(seen, scenario)
     if not compare:
@@ -101,7 +115,9 @@ def match(videos: Sequence[str | Path], detector: Detector, *, night: bool = Fal
     few = msgspec.structs.replace(scenario, frames=min(scenario.frames, SHOWN_FRAMES))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ours.mp4"
+        report(f"rendering {few.frames} frames, to compare (--no-compare leaves this out)")
         render_video(few, path)
+        report("measuring them")
         return Matched(seen, text, training, measure(read(path), detector, night=night))
 
 

@@ -88,6 +88,7 @@ def test_facts_become_keys_and_their_tolerances(grab, tmp_path):
     if grab in GRABS[1:]:
         assert scene.vary["grab.volume_m3"].support() == pytest.approx((8.1, 9.9))
     assert "--rate 25" in out
+    assert ("grab.file: taken as 2.40 × 2.60 × 2.40 m" in out) == (grab not in GRABS)
     assert "--ropes" not in out
 
 

@@ -166,6 +166,15 @@ REFUSED = {
     "milliseconds for seconds": (column("t", lambda _c: texts(1000 * TIME)), {}, None, "is time.unit right?"),
     "words alone": (column("rope", lambda c: ["on"] * len(c)), {}, None, "600 of 600 readings refused"),
     "a clock that runs back": (column("t", lambda c: c[::-1]), {}, None, "599 of 600 readings refused"),
+    "decimal commas": (
+        column("rope", lambda _c: [f'"{text}"'.replace(".", ",") for text in texts(ROPE)]), {}, None,
+        "600 of 600 readings refused, the first in row 1: not a number; write decimals with a point",
+    ),
+    "semicolons": (lambda c: c, {}, "t;slew;radius;rope\n0,1;5,0;22,5;15,2\n", "must be separated by commas"),
+    "times of day as texts": (
+        column("t", lambda _c: ["08:15:00"] * 600), {"time": {"column": "t", "unit": "iso", "start": "2026-03-02"}},
+        None, "not a time; dates such as 2026-03-02T08:15:00 are needed",
+    ),
     "one row": (lambda c: {name: cells[:1] for name, cells in c.items()}, {}, None, "1 rows; at least 2"),
     "nothing": (lambda c: c, {}, "", "the file is empty"),
     "no text": (lambda c: c, {}, b"\xff\xfe\x00t,slew\n", "invalid start byte"),
@@ -200,6 +209,22 @@ def tables_of(path):
     import tomllib
 
     return tomllib.loads(path.with_suffix(".toml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("start", [86_390.0, 10.0])
+def test_times_of_day_may_pass_midnight(tmp_path, start):
+    """The log begins at 86,380 s of the day, and the video before midnight or after it."""
+    about = {"time": {"column": "t", "start": start}}
+    found = read_controller(plain(tmp_path, column("t", lambda _c: texts((TIME + 86_380) % 86_400)), **about))
+    np.testing.assert_allclose(found.time, TIME - (start - 86_380) % 86_400, atol=1e-5)
+    assert "passes midnight" in found.notes[0]
+    assert len(found.notes) == 1
+
+
+def test_a_start_that_is_not_stated_is_named_with_the_clock(tmp_path):
+    assert "without time.start" in read_controller(plain(tmp_path)).stated_clock.source
+    stated = read_controller(plain(tmp_path, time={"column": "t", "start": 0.0}))
+    assert stated.stated_clock.source == "its description"
 
 
 def reading(offset=0.0, clock_sd_s=5.0, rope=ROPE):

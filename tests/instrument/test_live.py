@@ -176,4 +176,5 @@ def test_a_long_live_run_is_written_in_parts(tmp_path, monkeypatch):
     np.testing.assert_allclose(times, np.arange(45) / 9, atol=1e-3)
     assert len(parts[0].time) == 18
     np.testing.assert_array_equal(parts[-1].time, found.time)
-    assert lines == [f"written: {tmp_path / name}" for name in ("out", "out-2")]
+    assert lines[0] == "tilt: by mean-ray"
+    assert lines[1:] == [f"written: {tmp_path / name}" for name in ("out", "out-2")]

@@ -18,11 +18,13 @@ from simgrab.cli import cli
 from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.estimate import PaperIteration
+from simgrab.instrument.estimate import PaperIteration, PendulumSmoother
+from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.follow import load as load_tilt
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
+from simgrab.instrument.run.assumed import assumptions
 from simgrab.instrument.run.page import page
 from simgrab.instrument.run.run import RunOptions, measure, run
 from simgrab.instrument.run.table import beside_paper, held
@@ -463,9 +465,9 @@ def test_a_run_states_what_it_assumed_and_what_its_intervals_owe_to_that(found, 
     assert assumed["width_deg"] == pytest.approx(np.mean(ends[:, 1] - ends[:, 0]))
     assert dict(held(result))["95 % intervals"] == assumed["text"]
 
-    def again(**changes):
+    def again(estimator=None, **changes):
         camera = msgspec.structs.replace(result.calibration, **changes)
-        instrument = Pipeline(Oracle(truth_of(clip), noise_px=0.5, miss=15), Reader())
+        instrument = Pipeline(Oracle(truth_of(clip), noise_px=0.5, miss=15), Reader(), estimator)
         return measure(open_source(clip), camera, instrument).about["assumed"]
 
     exact, unknown = again(offset_sd_m=0.0), again(offset_sd_m=0.5, assumed=("focal_length_px", "offset_m"))
@@ -475,6 +477,33 @@ def test_a_run_states_what_it_assumed_and_what_its_intervals_owe_to_that(found, 
     assert "focal length 548.3 px (1 % more makes every angle 1 % smaller)" in unknown["text"]
     bare = again(digit_layout=None)  # mean-ray knows of no offset
     assert (bare["width_deg"], bare["text"].count("camera offset")) == (None, 1)
+    assert again(PendulumSmoother(), offset_sd_m=0.5)["offset_deg"] > 0
+    assert assumed["beyond"] == ""
+
+
+@pytest.mark.parametrize(
+    ("moved_m", "text"), [(0.09, ""), (-0.11, "(0.00, 0.49, -0.30) m, 2.2 standard deviations from")]
+)
+def test_an_estimated_offset_far_from_the_stated_one_is_named(moved_m, text):
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=(0.0, 0.6, -0.3), offset_sd_m=0.05)
+    tilt = Known("rope-aware", 9, 3.0, 0.0, (0.0, 0.6 + moved_m, -0.3), ((0.0,) * 4,) * 4)
+    found = assumptions(camera, None, tilt, Pipeline(None, None), ())["beyond"]
+    assert text in found
+    assert bool(found) == bool(text)
+
+
+@pytest.mark.parametrize("error", [-5.0, 0.0, 5.0])
+def test_a_wrong_constant_of_the_ropes_length_shows_in_the_grabs_size(error):
+    """A grab 3 m wide on ropes of 8 to 20 m below the camera, whose lengths are measured with a constant error."""
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=(0.0, 0.6, -0.3))
+    seen = []
+    for length in np.linspace(8, 20, 90).tolist():
+        side = camera.focal_length_px * 3 / (length + camera.offset_m[2])
+        x, y = camera.cx_px - side / 2, camera.cy_px - side / 2
+        box = (x, y, x + side, y + 1.5 * side)
+        seen.append(Measurement(status="unread", reason="-", box=box, rope_length_m=length + error))
+    text = assumptions(camera, None, None, Pipeline(None, None), seen)["beyond"]
+    assert text == "" if error == 0 else f"ropes 5.0 m {'longer' if error < 0 else 'shorter'} than measured" in text
 
 
 @needs_chromium

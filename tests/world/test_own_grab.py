@@ -544,7 +544,7 @@ def test_the_check_doubts_what_lies_on_its_side_or_is_too_small(tmp_path):
     assert any("check scale" in doubt for doubt in small.doubts)
 
 
-def test_render_says_which_axis_seems_to_point_up(tmp_path):
+def test_render_states_size_and_which_axis_seems_to_point_up(tmp_path):
     body = trimesh.util.concatenate([trimesh.creation.box((2.4, 2.0, 0.6)), trimesh.creation.box((0.5, 0.5, 1.6))])
     body.vertices[8:, 2] += 1.1
     body.export(tmp_path / "a.glb")
@@ -552,3 +552,11 @@ def test_render_says_which_axis_seems_to_point_up(tmp_path):
     done = CliRunner().invoke(cli, [*command, "--set", f"grab={{model='mesh', file='{tmp_path / 'a.glb'}'}}"])
     assert done.exit_code == 0, done.output
     assert "grab.file: z seems to point up" in done.stderr
+    assert "grab.file: taken as 2.40 × 2.20 × 2.00 m (x, y, z up), with grab.scale = 1\n" in done.stderr
+
+
+def test_an_implausible_size_is_doubted(tmp_path):
+    trimesh.creation.box((9.0, 3.0, 4.0)).export(tmp_path / "a.stl")
+    size, doubt, *_ = own_grab.remarks(own_grab.grab_of(tmp_path / "a.stl"))
+    assert "9.00 × 3.00 × 4.00 m" in size
+    assert "check scale" in doubt

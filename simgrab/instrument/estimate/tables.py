@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import itertools
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,6 +142,11 @@ def _csv(path: Path, needed: str) -> pa.Table:
         return parsed_csv(file.read(), path, needed)
 
 
+def decimal_comma(cell: str) -> str:
+    """Name the cure of a number with a decimal comma; empty for other cells."""
+    return "; write decimals with a point, such as 12.5" if re.fullmatch(r"\s*[+-]?\d*,\d+\s*", cell) else ""
+
+
 def parsed_csv(content: bytes, path: Path, needed: str) -> pa.Table:
     """Parse the content of a CSV file as `read_texts` does."""
     content = content.removeprefix(codecs.BOM_UTF8)
@@ -153,6 +159,8 @@ def parsed_csv(content: bytes, path: Path, needed: str) -> pa.Table:
         )
     try:
         names = [name.strip().strip('"') for name in header[0].decode().split(",")]
+        if ";" in names[0]:
+            raise RecordError(f"{path}: columns must be separated by commas, not by ;, with points for decimals")
         options = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()))
         reading = pa.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
         parsing = pa.csv.ParseOptions(newlines_in_values=True)  # of a file's name, e.g.
@@ -162,7 +170,8 @@ def parsed_csv(content: bytes, path: Path, needed: str) -> pa.Table:
     except (UnicodeDecodeError, pa.ArrowException) as problem:
         if "Empty CSV" in str(problem):
             return pa.table({name: pa.array([], pa.string()) for name in names})
-        raise RecordError(f"{cannot(path)}: {first_line(problem)}") from None
+        cure = "; decimals need points, not commas" if "columns, got" in str(problem) else ""
+        raise RecordError(f"{cannot(path)}: {first_line(problem)}{cure}") from None
 
 
 def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:
@@ -180,7 +189,9 @@ def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:
             try:
                 float(cell)
             except ValueError:
-                raise RecordError(f"{path}: {name}, row {row}: {cell.strip()!r} is not a number") from None
+                raise RecordError(
+                    f"{path}: {name}, row {row}: {cell.strip()!r} is not a number{decimal_comma(cell)}"
+                ) from None
         raise
 
 

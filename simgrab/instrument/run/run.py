@@ -222,6 +222,10 @@ class _Parts:
         self._report = report
         self._live = iter(instrument.live(fitting(_counted(source, progress), calibration), calibration))
         self._first: Live | None = None  # of the next part
+        used = instrument.tilt or instrument.chosen(calibration, live=True)
+        given = f"given, of {used.estimator}" if isinstance(used, Known) else f"by {used.name}"
+        plc = instrument.controller or instrument.feed
+        report(f"tilt: {given}{'; of the controller only the rope length is used' if plc else ''}")
 
     def next(self, folder: Path | None, options: RunOptions) -> tuple[Run, OverlayVideo]:
         """Measure one part: all of it where no folder is written."""
@@ -328,7 +332,7 @@ def _conclude(
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
         "estimate": None if estimate is None else estimate_json(estimate),
         "tilt": None if tilt is None else msgspec.to_builtins(tilt),
-        "assumed": assumptions(calibration, record, tilt, instrument),
+        "assumed": assumptions(calibration, record, tilt, instrument, measurements),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
         "warnings": runs.alarms(early),

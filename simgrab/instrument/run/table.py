@@ -76,8 +76,12 @@ def held(run: Run) -> list[tuple[str, str]]:
         refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
         rows.append(("estimator", estimate["estimator"] + refusal))
         rows += _intervals(estimate, timed=run.time is not None)
+    elif run.about["tilt"] is not None:
+        rows.append(("estimator", run.about["tilt"]["estimator"]))
     owed = run.about.get("assumed", {}).get("text")
     rows += [("95 % intervals", owed)] if owed else []
+    beyond = run.about.get("assumed", {}).get("beyond")
+    rows += [("contradicts the camera file", beyond)] if beyond else []
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
     if any(m.warning is not None for m in run.measurements):
         rows.append(("early warnings", str(len(run.about["warnings"]))))

@@ -51,16 +51,15 @@ def command(
         check_folder(out, StressError)
         sys.path.insert(0, str(Path.cwd()))  # an estimator of one's own lies where one works
     from simgrab.lab.stress import catalogue
-    from simgrab.lab.stress.study import Study, quickened
-
-    changes = {k: v for k, v in {"n": n, "replications": replications, "seed": seed}.items() if v is not None}
+    from simgrab.lab.stress.study import Study, quickened, resized
 
     def load(name: str) -> Study:
         chosen = catalogue.load(name)
         if depth is not None and depth != chosen.depth:
             chosen = msgspec.structs.replace(chosen, depth=depth)
             catalogue.check(chosen)
-        return msgspec.structs.replace(quickened(chosen) if quick else chosen, **changes)
+        kept = everything and any(sweep.axis == "n" for sweep in chosen.axes)
+        return resized(quickened(chosen) if quick else chosen, None if kept else n, replications, seed)
 
     if replay is not None:
         _replay(load(replay[0]), replay[1], at, out, as_json)

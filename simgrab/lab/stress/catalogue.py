@@ -14,7 +14,7 @@ from simgrab.io.resources import SCENES
 from simgrab.io.strict import convert
 from simgrab.lab.stress import convergence, estimators, geometric, rendered, score
 from simgrab.lab.stress.axes import AXES
-from simgrab.lab.stress.study import Study
+from simgrab.lab.stress.study import Study, axis_of
 
 STUDIES = SCENES / "studies"
 MAP_AXES = ("alpha-law", "n", "beta", "sigma")
@@ -104,6 +104,10 @@ def check(study: Study) -> None:
             )
         if len(set(sweep.values)) < len(sweep.values):
             raise StressError(f"axes.{i}.values: {sweep.axis!r} has a value twice")
+    swept = [axis_of(sweep.axis).key or sweep.axis for sweep in study.axes]
+    for name in study.given:
+        if (axis_of(name).key or name) in swept:
+            raise StressError(f"given.{name}: is an axis of this study too; leave it out of one of them")
     used = {f"given.{name}": name for name in study.given}
     for where, name in (used | {f"axes.{i}.axis": s.axis for i, s in enumerate(study.axes)}).items():
         if name in AXES and name not in _reaching(study.depth):

@@ -31,7 +31,7 @@ from simgrab.lab.stress import convergence, estimators, score
 from simgrab.lab.stress.catalogue import columns, depth_of, load
 from simgrab.lab.stress.catalogue import read as read_study
 from simgrab.lab.stress.records import Records
-from simgrab.lab.stress.study import Study
+from simgrab.lab.stress.study import Study, resized
 from simgrab.lab.stress.summary import LimitVerdict, StudyResult, StudySummary, judge
 from simgrab.runtime.cluster import open_pool
 from simgrab.runtime.processes import Executor
@@ -167,7 +167,7 @@ def stress(
     Raises
     ------
     StressError
-        If the study or an estimator is not valid, or an estimator fails.
+        If the study or an estimator is not valid, an estimator fails, or ``frames`` is given for an axis ``n``.
 
     Examples
     --------
@@ -181,9 +181,8 @@ def stress(
         if name in ESTIMATORS:
             raise StressError(f"own: {name!r} means the bundled {ESTIMATORS.full(name)}; choose another name")
         estimators.checked(name, estimator)
-    changes = {k: v for k, v in {"n": frames, "replications": replications, "seed": seed}.items() if v is not None}
-    names = (*chosen.estimators, *(own or {}))
-    chosen = msgspec.structs.replace(chosen, estimators=names, **changes)
+    chosen = resized(chosen, frames, replications, seed)
+    chosen = msgspec.structs.replace(chosen, estimators=(*chosen.estimators, *(own or {})))
     summary = StudySummary(chosen, columns(chosen.kind))
     for part in parts(chosen):
         summary.add(make(chosen, part, own))

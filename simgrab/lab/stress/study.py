@@ -178,6 +178,14 @@ def situation(study: Study, point: tuple[Value, ...]) -> Situation:
     return _situation(study.base, tuple(study.settings(point).items()))
 
 
+def resized(study: Study, frames: int | None, replications: int | None, seed: int | None) -> Study:
+    """Take other sizes, where they are given; raises `StressError` where an axis sets the number of frames."""
+    if frames is not None and any(s.axis == "n" for s in study.axes):
+        raise StressError(f"{study.name}: its axis n sets the number of frames: leave frames out, or change the axis")
+    changes = {k: v for k, v in {"n": frames, "replications": replications, "seed": seed}.items() if v is not None}
+    return msgspec.structs.replace(study, **changes)
+
+
 def quickened(study: Study) -> Study:
     """Make a study so small that it takes seconds. Its numbers are rough, and slow estimators are left out."""
     kept = tuple(name for name in study.estimators if name not in study.fewer) or study.estimators

@@ -29,8 +29,12 @@ def command(videos: tuple[Path, ...], out: Path, detector_name: str, night: bool
     from simgrab.instrument.detect import detector
     from simgrab.match import scene as matching
     from simgrab.reports.terminal import cell, table
+    from simgrab.text import printable
 
-    matched = matching.match(videos, detector(detector_name), night=night, compare=compare)
+    def report(line: str) -> None:
+        click.echo(printable(line), err=True)
+
+    matched = matching.match(videos, detector(detector_name), night=night, compare=compare, report=report)
     matched.save(out)
     rows = matched.theirs.rows()
     console = Console()

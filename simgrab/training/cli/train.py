@@ -134,6 +134,7 @@ def detector(
     from simgrab.dataset.datasets import read
     from simgrab.instrument.detect import GrabDetector, located
     from simgrab.judge.evaluate.boxed import score
+    from simgrab.judge.own_grab import remarks
     from simgrab.training.detector import curve
     from simgrab.training.detector import real as real_frames
     from simgrab.training.detector.settings import recipes
@@ -153,7 +154,10 @@ def detector(
             GrabDetector(begin)
         for dataset in datasets:
             read(dataset)
-        datasets = (*datasets, _frames_of(_asked(grab, scene, frames, seed), out.absolute(), shown=shows))
+        asked = _asked(grab, scene, frames, seed)
+        for line in remarks(asked.grab) if shows else ():
+            click.echo(printable(f"grab.file: {line}"), err=True)
+        datasets = (*datasets, _frames_of(asked, out.absolute(), shown=shows))
     chosen = functools.partial(
         recipes, quick=quick, started=start is not None, epochs=epochs, batch=batch, half=half, seed=seed,
         patience=patience, device=device, threads=threads,

@@ -28,6 +28,10 @@ BAD = {
     "empty axis": ({"axes": [{"axis": "focal", "values": []}]}, ("axes.0.values", "no values", "lean-along")),
     "no axis": ({"axes": []}, ("1 to 2", "lean-along")),
     "a value twice": ({"axes": [{"axis": "focal", "values": [0.0, 0.0]}]}, ("twice",)),
+    "an axis that is given too": (
+        {"given": {"camera.beta_deg": 3.0}, "axes": [{"axis": "beta", "values": [1.0]}]},
+        ("given.camera.beta_deg", "leave it out"),
+    ),
     "unknown estimator": ({"estimators": ["mean-rai"]}, ("mean-rai", "geometric-median", "package.module:Class")),
     "no estimator": ({"estimators": ["json:JSONDecoder"]}, ("json:JSONDecoder", "estimate(pixels")),
     "an axis that the fidelity cannot reach": (
@@ -56,6 +60,11 @@ def test_a_study_that_cannot_be_is_refused_with_what_is_valid(case, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(tomli_w.dumps(data), encoding="utf-8")
     refused(lambda: catalogue.load(path), words)
+
+
+def test_frames_are_refused_where_an_axis_sets_them():
+    refused(lambda: simgrab.stress("n", frames=20), ("axis n", "leave frames out"))
+    assert "axis n" in str(CliRunner().invoke(cli, ["stress", "n", "--frames", "20"]).exception)
 
 
 @pytest.mark.parametrize(
