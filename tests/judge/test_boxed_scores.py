@@ -61,13 +61,11 @@ def test_a_resample_has_the_precision_of_its_frames(monkeypatch):
     some = [boxed.BoxedCase(row, row.box_x0_px is not None, one) for row, one in zip(rows, seen_boxes, strict=True)]
     videos = [some[:12], some[12:24], some[24:]]
     wanted = [average_precision([case for i in pick for case in videos[i]])["map50_95"] for pick in picks]
-    seen = []
-    monkeypatch.setattr(boxed, "FEWEST_VIDEOS", 3)
     monkeypatch.setattr(boxed, "stream", lambda *_: SimpleNamespace(integers=lambda *_, **__: picks))
-    monkeypatch.setattr(boxed.np, "quantile", lambda values, _: seen.extend(values) or (0.0, 1.0))
-    boxed.score(rows, seen_boxes)
+    values = boxed.resampled_precision(videos, 3)
     assert wanted[2] is None
-    assert seen == pytest.approx(wanted[:2])
+    assert np.isnan(values[2])
+    assert values[:2].tolist() == pytest.approx(wanted[:2])
 
 
 def test_nothing_is_counted_of_nothing():

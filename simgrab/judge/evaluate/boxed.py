@@ -14,6 +14,7 @@ from pycocotools.cocoeval import COCOeval
 from simgrab.judge.evaluate import detection
 from simgrab.judge.evaluate.detection import Boxes, matched
 from simgrab.judge.evaluate.intervals import LEVEL
+from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 from simgrab.model.rng import stream
 from simgrab.model.truth import Boxed
@@ -67,34 +68,43 @@ def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: 
     }
     return detection.shares(some) | {
         "videos": len(videos),
-        "map50_95_interval": _resampled(list(videos.values()), resamples),
+        "map50_95_interval": _interval(list(videos.values()), resamples),
         "missed_videos": sum(one["hits"] < one["labelled"] for one in counts.values()),
         "false_videos": sum(one["false_boxes"] > 0 for one in counts.values()),
         "by_video": counts,
     }
 
 
-def _resampled(videos: Sequence[Sequence[BoxedCase]], resamples: int) -> tuple[float, float] | None:
+def _interval(videos: Sequence[Sequence[BoxedCase]], resamples: int) -> tuple[float, float] | None:
     """95 % interval of the mAP50-95 over videos, by the bootstrap's percentiles; None for fewer than six."""
-    evaluation, count = matched([case for video in videos for case in video]), len(videos)
-    if evaluation is None or count < FEWEST_VIDEOS:
+    if len(videos) < FEWEST_VIDEOS:
         return None
+    values = resampled_precision(videos, resamples)
+    if np.isnan(values).all():
+        return None
+    low, high = np.nanquantile(values, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return float(low), float(high)
+
+
+def resampled_precision(groups: Sequence[Sequence[Boxes]], resamples: int) -> Array:
+    """COCO's mAP50-95 over resampled groups of frames, shape (resamples,): NaN where none of them shows the grab.
+
+    The same number of groups is resampled alike, so that differences are paired.
+    """
+    evaluation, count = matched([case for group in groups for case in group]), len(groups)
     if not isinstance(evaluation, COCOeval):
-        return evaluation, evaluation
-    parts = np.split(np.arange(sum(map(len, videos))), np.cumsum([len(video) for video in videos])[:-1])
+        return np.full(resamples, np.nan if evaluation is None else evaluation)
+    parts = np.split(np.arange(sum(map(len, groups))), np.cumsum([len(group) for group in groups])[:-1])
     picks = stream(0, 0, "videos.bootstrap").integers(count, size=(resamples, count))
     # Boxes are matched image by image: an average over other images needs no other matches.
     evaluation.params.areaRng, evaluation.params.maxDets = evaluation.params.areaRng[:1], [1]
-    matches, values = list(evaluation.evalImgs), []
-    for some in picks:
-        images = np.concatenate([parts[i] for i in some])
-        evaluation.params.imgIds, evaluation.evalImgs = images.tolist(), [matches[i] for i in images]
+    matches, values = list(evaluation.evalImgs), np.full(resamples, np.nan)
+    for i, some in enumerate(picks):
+        images = np.concatenate([parts[k] for k in some])
+        evaluation.params.imgIds, evaluation.evalImgs = images.tolist(), [matches[k] for k in images]
         with contextlib.redirect_stdout(io.StringIO()):  # it reports progress
             evaluation.accumulate()
         precision = evaluation.eval["precision"]
-        if (precision >= 0).any():  # else no video of these shows the grab
-            values.append(float(precision.mean()))
-    if not values:
-        return None
-    low, high = np.quantile(values, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return float(low), float(high)
+        if (precision >= 0).any():
+            values[i] = precision.mean()
+    return values
