@@ -273,7 +273,11 @@ def _within(n: int) -> Array:
 def _doubts_of_size(size: Array) -> list[str]:
     low, high = USUAL_SIDES_M
     usual = low <= size.max() <= high
-    return [] if usual else [f"The longest side is {size.max():.2f} m; grabs have {low} to {high} m: check scale."]
+    return (
+        []
+        if usual
+        else [f"The longest side is {size.max():.2f} m; grabs have {low} to {high} m: check scale (mm: 0.001)."]
+    )
 
 
 def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
