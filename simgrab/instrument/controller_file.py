@@ -42,6 +42,7 @@ _LIMITS = {
 }  # fmt: skip
 _MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
 DAY_S = 86_400.0
+_MOVING = 0.98  # quantile of the speeds of readings
 _MOST_RATE = 3.0  # ratio of the stated rate to that of the readings
 Meta = msgspec.Meta
 Bad = NDArray[np.bool_]
@@ -85,8 +86,10 @@ class Quantity(Checked, frozen=True, kw_only=True):
         Readings a second.
     resolution : float
         Size of a count, in the column's unit.
-    lag_s, jitter_s : float
-        How late readings are stamped, and its standard deviation.
+    lag_s : float
+        How late readings are stamped.
+    jitter_s : float, optional
+        Standard deviation of the lag; by default that of a reading of any age up to one period.
     file : str
         File beside the description, if the column is in another one.
     """
@@ -97,8 +100,13 @@ class Quantity(Checked, frozen=True, kw_only=True):
     rate_hz: Annotated[float, Meta(gt=0, le=1000)]
     resolution: Annotated[float, Meta(gt=0, le=1000)]
     lag_s: Annotated[float, Meta(ge=-60, le=60)] = 0.0
-    jitter_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
+    jitter_s: Annotated[float, Meta(ge=0, le=60)] | None = None
     file: str = ""
+
+    @property
+    def jitter(self) -> float:
+        """Standard deviation of the lag, s."""
+        return 1 / (math.sqrt(12) * self.rate_hz) if self.jitter_s is None else self.jitter_s
 
     def check(self) -> None:
         """Refuse files from elsewhere."""
@@ -319,7 +327,7 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
         )
     if name == "slew":
         values = np.unwrap(values) * (-1 if quantity.clockwise else 1)
-    hoist = Hoist(speed, 2 / quantity.rate_hz + 4 * quantity.jitter_s, quantity.resolution * scale)
+    hoist = Hoist(speed, 2 / quantity.rate_hz + 4 * quantity.jitter, quantity.resolution * scale)
     fast = np.abs(np.diff(values)) > hoist.reach(np.diff(time))
     what = f"faster than {speed:g} {unit}/s"
     if np.mean(fast) > _MOST_FAST:
@@ -327,8 +335,8 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
     believed = consistent(time, values, hoist) if fast.any() else np.ones(len(time), bool)
     _Refusing(where, at, notes)(values, ~believed, what)
     time, values = time[believed], values[believed]
-    moving = float(np.sqrt(np.mean((np.diff(values) / np.diff(time)) ** 2)))
-    sd = math.hypot(quantity.resolution * scale / math.sqrt(12), moving * quantity.jitter_s)
+    moving = float(np.quantile(np.abs(np.diff(values) / np.diff(time)), _MOVING))  # most of a record is rest
+    sd = math.hypot(quantity.resolution * scale / math.sqrt(12), moving * quantity.jitter)
     if name == "luff":
         sd *= quantity.jib_m * float(np.sqrt(np.mean(np.sin(values) ** 2)))
         values = quantity.pivot_m + quantity.jib_m * np.cos(values)

@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -336,8 +336,8 @@ def _informed(estimator: Estimator, controller: Controller | None, record: Recor
         given["controller"] = controller
     if len(stated):
         given["wander_px"] = float(np.median(stated))
-    names = {one.name for one in fields(estimator)}
-    return replace(estimator, **{name: value for name, value in given.items() if name in names})
+    taken = {name: value for name, value in given.items() if hasattr(estimator, name)}
+    return replace(estimator, **taken) if taken else estimator
 
 
 def _moving(estimator: Estimator) -> bool:

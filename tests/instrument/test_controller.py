@@ -48,7 +48,7 @@ def written(folder, columns, tables, parquet=False, **more):
 
 
 def quantity(column, unit, resolution=1e-3, **more):
-    return {"column": column, "unit": unit, "resolution": resolution, "rate_hz": 10.0} | more
+    return {"column": column, "unit": unit, "resolution": resolution, "rate_hz": 10.0, "jitter_s": 0.0} | more
 
 
 def plain(folder, change=lambda columns: columns, **tables):

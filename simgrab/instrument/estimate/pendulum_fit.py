@@ -16,6 +16,7 @@ from simgrab.instrument.estimate.pendulum import (
     DEGREES,
     FREQUENCY,
     LEVELLING,
+    LONGER,
     NODE_S,
     OFFSET,
     REACH,
@@ -134,7 +135,8 @@ def fit(
         parameters = parameters + share * best.parameters
         if not (np.isfinite(path).all() and np.isfinite(parameters).all()):
             raise np.linalg.LinAlgError("the steps diverge")
-        parameters[some] = np.clip(parameters[some], *(priors.mean[some] + FARTHEST * priors.sd[some]))
+        near = [*some, LONGER]
+        parameters[near] = np.clip(parameters[near], *(priors.mean[near] + FARTHEST * priors.sd[near]))
         converged = searches == 0 and float(np.abs(best.parameters[:2]).max()) < close
         if converged:
             break
