@@ -111,7 +111,7 @@ class FaultWatch:
         if (age_s > STOPPED_S) != self._stopped:
             self._stopped = not self._stopped
             why = f": {feed.problem}" if feed.problem else ""
-            stopped = f"no reading for {STOPPED_S:.0f} s; the run goes on without it{why}"
+            stopped = f"no reading for {STOPPED_S:.0f} s; only a display gives the rope's length now{why}"
             self._found.append(("controller", stopped if self._stopped else "readings again"))
 
     def shift(self, by: Array) -> None:

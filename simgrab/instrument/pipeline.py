@@ -227,7 +227,7 @@ class Pipeline:
         if estimate is not None and self.calibrate_s is None:
             alpha, ends = angles.by_estimate(record, estimator, estimate)
         ahead_s = None
-        if estimate is None or not _moving(estimator):
+        if estimate is None or not moving(estimator):
             # Forecasts rest on the tilt of all of the record, but on no later frames.
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
         measured = angles.measurements(record, alpha, ends, ahead=ahead_s)
@@ -340,9 +340,9 @@ def _informed(estimator: Estimator, controller: Controller | None, record: Recor
     return replace(estimator, **taken) if taken else estimator
 
 
-def _moving(estimator: Estimator) -> bool:
+def moving(estimator: Estimator | None) -> bool:
     """Whether an estimator takes the camera as one that moves."""
-    return estimator.needs_imu or getattr(estimator, "controller", None) is not None
+    return estimator is not None and (estimator.needs_imu or getattr(estimator, "controller", None) is not None)
 
 
 def _with_lengths(ropes: Rope, controller: Controller, time: Array) -> Rope:

@@ -12,7 +12,7 @@ import numpy as np
 from simgrab.instrument.angles import by_estimate, calibrate
 from simgrab.instrument.contract import Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known
-from simgrab.instrument.pipeline import MeasuredRecord, Pipeline
+from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
@@ -55,6 +55,8 @@ def assumptions(
     if tilt is not None and tilt.offset_m is None:
         angle = math.degrees(math.atan2(camera.offset_sd_m, ROPE_M))
         outside.insert(0, f"{offset} ({angle:.1f}° on {ROPE_M:g} m of rope)")
+    if record is not None and record.arrays.time is not None and not moving(record.estimator):
+        outside.append("lean of the camera as the crane moves")
     if outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),

@@ -35,7 +35,15 @@ def beside_paper(run: Run) -> list[Row]:
 
 def measured(run: Run) -> list[tuple[str, str]]:
     """Return the run's own tilt and swing; empty if there is none."""
-    return _figures(run.alpha, (run.about["tilt"] or {}).get("beta_deg"))
+    found = _figures(run.alpha, (run.about["tilt"] or {}).get("beta_deg"))
+    if not np.isfinite(run.alpha).any():
+        return found
+    frame = int(np.nanargmax(run.alpha))
+    one, largest = run.measurements[frame], found[-1][1]
+    if one.alpha_low is not None and one.alpha_high is not None:
+        largest += f" ({np.rad2deg(one.alpha_low):.2f} to {np.rad2deg(one.alpha_high):.2f}, 95 %)"
+    when = f"frame {frame}" if run.time is None else f"{run.time[frame]:.1f} s"
+    return [*found[:-1], (found[-1][0], f"{largest} at {when}")]
 
 
 def _figures(alpha: Array, beta_deg: float | None) -> list[tuple[str, str]]:
@@ -106,7 +114,7 @@ def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, s
         return [("95 % intervals by", "frames")]
     few = next((i["note"] for i in estimate["intervals"] if i["kind"] == "blocks"), "")
     if few and estimate["estimator"] == RopeAware.name:
-        few += "; --estimator pendulum-smoother is better on so short a record"
+        few += "; --estimator pendulum-smoother is better on so short a record by a camera that does not lean"
     why = f" ({few})" if few else ""
     return [("95 % intervals by", f"frames; too narrow, because frames are not independent{why}")]
 
