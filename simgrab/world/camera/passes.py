@@ -115,7 +115,7 @@ class Target:
 
 
 class Passes:
-    """Draws geoms of one model. Call its methods while the model's OpenGL context is current.
+    """Draws geoms of one model at a time. Call its methods while the buffer's OpenGL context is current.
 
     Parameters
     ----------
@@ -124,6 +124,7 @@ class Passes:
     textures : mapping of str to ndarray of uint8, shape (h, w, 3)
         By the name of their material.
     buffer : Offscreen
+        With the model's meshes.
     size : tuple of 2 ints
         Of the largest window that is drawn at once, px.
     screen : str
@@ -141,14 +142,12 @@ class Passes:
     ) -> None:  # fmt: skip
         if b"GL_ARB_clip_control" not in (GL.glGetString(GL.GL_EXTENSIONS) or b"").split():
             raise RendererError("this OpenGL lacks ARB_clip_control, which Mesa has since 10.5")
-        meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
-        if not meshes or (np.asarray(model.mat_rgba)[:, 3] < 1).any():
-            raise RendererError("every geom must be an opaque mesh")
-        self._model, self._context = model, buffer.context
-        self._pictures, self._textures = textures, dict[str, int]()
+        self._buffer = buffer
+        self._textures = dict[str, tuple[NDArray[np.uint8], int]]()
         self._painted: dict[int, int] = {}
         self._program = _program(_PHOTOGRAPH_FRAGMENT if screen else _FRAGMENT)
-        self._screen, self._photograph = model.material(screen).id if screen else -1, 0
+        self._screen_material, self._photograph = screen, 0
+        self.load(model, textures)
         self._uniform = {
             name: GL.glGetUniformLocation(self._program, name)
             for name in ("shadow_from_eye", "shadowed", "paint", "shadow", "photograph", "screen", "size")
@@ -163,6 +162,24 @@ class Passes:
         self.target = self.made(size)
         self._kept: int | None = None
         self._darkened = _WHOLE_MAP  # part of the shadow map that differs from the kept one
+
+    def load(self, model: mujoco.MjModel, textures: Mapping[str, NDArray[np.uint8]]) -> None:
+        """Draw geoms of another model, which the buffer has loaded; textures of the same arrays stay in OpenGL."""
+        meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
+        if not meshes or (np.asarray(model.mat_rgba)[:, 3] < 1).any():
+            raise RendererError("every geom must be an opaque mesh")
+        for display_list in self._painted.values():
+            GL.glDeleteLists(display_list, 1)
+        for material, (picture, texture) in list(self._textures.items()):
+            if textures.get(material) is not picture:
+                GL.glDeleteTextures([texture])
+                del self._textures[material]
+        self._model, self._pictures, self._painted = model, textures, {}
+        self._screen = model.material(self._screen_material).id if self._screen_material else -1
+
+    @property
+    def _context(self) -> mujoco.MjrContext:
+        return self._buffer.context
 
     def made(self, size: tuple[int, int], *, smooth: bool = True) -> Target:
         """Make framebuffers for windows of a size, with antialiasing or without; they are used as ``target``."""
@@ -459,8 +476,9 @@ class Passes:
         if material not in self._pictures:
             return self._white
         if material not in self._textures:
-            self._textures[material] = _texture(self._pictures[material][::-1])
-        return self._textures[material]
+            picture = self._pictures[material]
+            self._textures[material] = picture, _texture(picture[::-1])
+        return self._textures[material][1]
 
 
 @contextmanager

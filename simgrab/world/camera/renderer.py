@@ -154,16 +154,14 @@ class Renderer:
         self._shade_kept = False
         self._aim = _Aim.of(scenario)
         model = world.model
-        self.data = mujoco.MjData(model)
         self._lights_alone = mujoco.MjvOption()
         self._lights_alone.geomgroup[:] = 0
-        self._scene = mujoco.MjvScene(model, maxgeom=1)
         self._abstract = mujoco.MjvCamera()
         with ExitStack() as stack:
             self._buffer = stack.enter_context(gl.offscreen(model, 1, 1))  # the passes have framebuffers of their own
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
-            self._boxes = geoms.boxes(model)
+            self._prepare(model)
             self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
             self._background_shown = -1
             screen = PHOTOGRAPH if self._background else ""
@@ -172,35 +170,42 @@ class Renderer:
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
 
-    def revise(self, world: World, old: Scenario, new: Scenario) -> bool:
-        """Go on with another scenario whose world has the same parts, in the same OpenGL context.
+    def _prepare(self, model: mujoco.MjModel) -> None:
+        """Make what MuJoCo and the render passes need of a model."""
+        self.data, self._scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=1)
+        self._boxes = geoms.boxes(model)
+
+    def takes(self, scenario: Scenario) -> bool:
+        """Whether `revise` can go on with a scenario; if not, it needs a renderer of its own."""
+        own, new = self._image, scenario.image
+        smooth = new.samples in (0, own.samples) and new.shadow_map_px == own.shadow_map_px
+        return smooth and isinstance(scenario.place, Photo) == (self._background is not None)
+
+    def revise(self, world: World, old: Scenario, new: Scenario) -> None:
+        """Go on with another scenario, in the same OpenGL context.
 
         Parameters
         ----------
         world : World
-            With the same model.
+            With the same model and other lights, or with a model of its own.
         old, new : Scenario
             The one that it rendered last, and the one to render.
-
-        Returns
-        -------
-        bool
-            Whether it does; else nothing has changed, and the scenario needs a renderer of its own.
 
         Raises
         ------
         ScenarioError
-            If the lens sees too much; then nothing has changed either.
+            If the lens sees too much; then nothing has changed.
         """
-        smooth = new.image.samples > 0
-        if new.image.shadow_map_px != self._image.shadow_map_px:
-            return False
-        if smooth and new.image.samples != self._image.samples:
-            return False
-        if old.light != new.light:
+        smooth, same = new.image.samples > 0, world.model is self.world.model
+        if not same or old.light != new.light:
             aim, others = _Aim.of(new), list[_Aim]()
-            world.relight(new)
             self._shade_kept = False
+            if same:
+                world.relight(new)
+            else:
+                self._buffer.load(world.model)
+                self._passes.load(world.model, world.textures)
+                self._prepare(world.model)
         else:
             known = [one for one in self._aims if (one.camera, one.smooth) == (new.camera, smooth)]
             aim = known[0] if known else _Aim.of(new)
@@ -210,7 +215,6 @@ class Renderer:
         if self._background:
             self._background, self._background_shown = Background(new), -1
         self.world, self._posed = world, None
-        return True
 
     def _use(self, aim: _Aim, kept: list[_Aim]) -> None:
         """Take a camera, with framebuffers of its size, and free those of others that are not kept."""
