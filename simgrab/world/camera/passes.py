@@ -96,7 +96,7 @@ _PHOTOGRAPH_FRAGMENT = (
 
 @dataclass(frozen=True)
 class Target:
-    """Framebuffers for windows of one size, by name.
+    """Framebuffers for windows of up to one size, by name.
 
     Those of ``ids`` and ``picture`` are drawn into, ``resolved`` takes the mean of samples, and ``kept_ids`` and
     ``kept_picture`` keep what stands still.
@@ -105,6 +105,10 @@ class Target:
     size: tuple[int, int]
     samples: int
     framebuffers: dict[str, int] = field(default_factory=dict)
+
+    def holds(self, size: tuple[int, int]) -> bool:
+        """Whether windows of another size fit."""
+        return size[0] <= self.size[0] and size[1] <= self.size[1]
 
     def __getitem__(self, name: str) -> int:
         if name not in self.framebuffers:
@@ -374,8 +378,9 @@ class Passes:
         return rgb
 
     def identify(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False,
+        with_depth: bool = True,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:  # fmt: skip
         """Draw the ids and depth of geoms, and keep them for `identify_over` or not; see `colour`.
 
         Returns
@@ -383,11 +388,11 @@ class Passes:
         ids : ndarray of uint8, shape (h, w)
             Groups of the geoms, 255 where there is none.
         depth : ndarray of float32, shape (h, w)
-            What the depth buffer has: 1 at the near plane, 0 at the far one.
+            What the depth buffer has: 1 at the near plane, 0 at the far one; empty unless wanted.
         """
         name = "kept_ids" if keep else "ids"
         self._identify(name, scene, rect, geoms, clear=True)
-        return self._read_ids(name, (0, 0, rect.width, rect.height))
+        return self._read_ids(name, (0, 0, rect.width, rect.height), with_depth=with_depth)
 
     def identify_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
@@ -413,13 +418,16 @@ class Passes:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
                 self._draw(geom, self._mesh(geom.number))
 
-    def _read_ids(self, name: str, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _read_ids(
+        self, name: str, window: Window, *, with_depth: bool = True
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
-        ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
+        ids, depth = np.empty((height, width), np.uint8), np.empty((height, width) if with_depth else 0, np.float32)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target[name])
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
-        GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
+        if with_depth:
+            GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         ids -= 1  # 0, which is nothing, becomes 255
         return ids, depth
