@@ -17,7 +17,6 @@ from simgrab.model import scenes
 from simgrab.model.rng import stream
 from simgrab.model.scenario import variant
 from simgrab.model.truth import columns
-from simgrab.world.camera.renderer import NOTHING
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.clearance import HeightMap

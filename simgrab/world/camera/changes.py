@@ -128,8 +128,7 @@ def rectangles(points: Array, focal_px: float, centre_px: Array, near_m: float) 
     depth = points[..., 2]
     ahead = (depth >= near).all(axis=1)
     result[ahead] = _bounds(points[ahead], focal_px, centre_px)
-    result[(depth < near).all(axis=1)] = np.inf, np.inf, -np.inf, -np.inf
-    for i in np.flatnonzero(~ahead & (depth >= near).any(axis=1)):
+    for i in np.flatnonzero(~ahead):
         result[i] = _clipped(points[i], near, focal_px, centre_px)
     return result + (-MARGIN_PX, -MARGIN_PX, MARGIN_PX, MARGIN_PX)
 

@@ -12,19 +12,15 @@ from simgrab.model.geometry import Array
 from simgrab.world.camera import changes
 from simgrab.world.scenery.model import GRAB, HIDDEN, JIB, PLACE, ROPE
 
-PIECE_FACES = 512  # whose vertices take as long as one more call of OpenGL
-
 
 @dataclass(frozen=True, eq=False)
 class Geom:
-    """One geom, which is a mesh, or some of its faces.
+    """One geom, which is a mesh.
 
     Attributes
     ----------
     number : int
         In the model.
-    faces : tuple of 2 ints
-        The first of its mesh's faces that it has, and the one after its last.
     group : int
         Id that its pixels get.
     position : tuple of 3 floats
@@ -36,7 +32,6 @@ class Geom:
     """
 
     number: int
-    faces: tuple[int, int]
     group: int
     position: tuple[float, float, float]
     turn: NDArray[np.float32]
@@ -53,66 +48,37 @@ class Geom:
         return self.group in (PLACE, JIB)
 
 
-@dataclass(frozen=True, eq=False)
-class Pieces:
-    """The geoms of a model, in its order; those of place and jib are cut, so that a window needs a part of them.
-
-    Attributes
-    ----------
-    numbers : ndarray, shape (n,)
-        Of the geoms.
-    faces : ndarray, shape (n, 2)
-        See `Geom`.
-    boxes : ndarray, shape (n, 8, 3)
-        Corners of the box around each, in the geom's own frame.
-    """
-
-    numbers: NDArray[np.int64]
-    faces: NDArray[np.int64]
-    boxes: Array
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel) -> Pieces:
-        """Cut the geoms of a model."""
-        numbers, faces, lows, highs = [], [], [], []
-        for number, (mesh, group) in enumerate(zip(model.geom_dataid, model.geom_group, strict=True)):
-            count = int(model.mesh_facenum[mesh])
-            first = np.arange(0, count, PIECE_FACES if group in (PLACE, JIB) else count)
-            own = np.asarray(model.mesh_face)[model.mesh_faceadr[mesh] :][:count]
-            corners = np.asarray(model.mesh_vert)[model.mesh_vertadr[mesh] + own.ravel()]
-            numbers.append(np.full(len(first), number))
-            faces.append(np.stack([first, np.append(first[1:], count)], axis=1))
-            lows.append(np.minimum.reduceat(corners, 3 * first))
-            highs.append(np.maximum.reduceat(corners, 3 * first))
-        low, high = (np.concatenate(ends).astype(float) for ends in (lows, highs))
-        return cls(np.concatenate(numbers), np.concatenate(faces), changes.corners(low, high))
+def boxes(model: mujoco.MjModel) -> Array:
+    """Corners of the box around each geom's mesh, in the geom's own frame, shape (n, 8, 3)."""
+    meshes = np.asarray(model.geom_dataid)
+    spans = zip(model.mesh_vertadr[meshes], model.mesh_vertnum[meshes], strict=True)
+    vertices = [np.asarray(model.mesh_vert[start : start + count], float) for start, count in spans]
+    return changes.corners(np.array([v.min(axis=0) for v in vertices]), np.array([v.max(axis=0) for v in vertices]))
 
 
-def shown(model: mujoco.MjModel, data: mujoco.MjData, pieces: Pieces, *, grab_only: bool) -> list[Geom]:
+def shown(model: mujoco.MjModel, data: mujoco.MjData, boxes: Array, *, grab_only: bool) -> list[Geom]:
     """Geoms that a posed world shows, in the model's order.
 
     Parameters
     ----------
     model : mujoco.MjModel
     data : mujoco.MjData
-    pieces : Pieces
-        Of the model.
+    boxes : ndarray, shape (n, 8, 3)
+        As `boxes` gives them.
     grab_only : bool
         Leave out what is not the grab or its load.
     """
-    groups = np.asarray(model.geom_group)[pieces.numbers]
-    some = np.flatnonzero(groups == GRAB if grab_only else groups != HIDDEN)
-    numbers = pieces.numbers[some]
+    groups = np.asarray(model.geom_group)
+    numbers = np.flatnonzero(groups == GRAB if grab_only else groups != HIDDEN)
     turns = np.asarray(data.geom_xmat)[numbers].reshape(-1, 3, 3)
     places = np.asarray(data.geom_xpos)[numbers]
-    corners = np.einsum("nij,nkj->nki", turns, pieces.boxes[some]) + places[:, None]
+    corners = np.einsum("nij,nkj->nki", turns, boxes[numbers]) + places[:, None]
     matrices = np.zeros((len(numbers), 4, 4), np.float32)
     matrices[:, :3, :3], matrices[:, 3, 3] = turns.transpose(0, 2, 1), 1
     rounded = places.astype(np.float32).tolist()
     return [
-        Geom(number, (first, end), group, tuple(position), matrix, box)
-        for number, (first, end), group, position, matrix, box in zip(
-            numbers.tolist(), pieces.faces[some].tolist(), groups[some].tolist(), rounded, matrices.reshape(-1, 16),
-            corners, strict=True,
+        Geom(number, int(groups[number]), tuple(position), matrix, box)
+        for number, position, matrix, box in zip(
+            numbers.tolist(), rounded, matrices.reshape(-1, 16), corners, strict=True
         )
     ]

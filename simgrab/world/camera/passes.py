@@ -93,8 +93,6 @@ _PHOTOGRAPH_FRAGMENT = (
     )
 )
 
-_Piece = tuple[int, tuple[int, int]]  # number and faces of a geom
-
 
 @dataclass(frozen=True)
 class Target:
@@ -150,7 +148,7 @@ class Passes:
             raise RendererError("this OpenGL lacks ARB_clip_control, which Mesa has since 10.5")
         self._buffer = buffer
         self._textures = dict[str, tuple[NDArray[np.uint8], int]]()
-        self._meshes, self._painted = dict[_Piece, int](), dict[_Piece, int]()
+        self._painted: dict[int, int] = {}
         self._program = _program(_PHOTOGRAPH_FRAGMENT if screen else _FRAGMENT)
         self._screen_material, self._photograph = screen, 0
         self.load(model, textures)
@@ -174,13 +172,13 @@ class Passes:
         meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
         if not meshes or (np.asarray(model.mat_rgba)[:, 3] < 1).any():
             raise RendererError("every geom must be an opaque mesh")
-        for display_list in (*self._meshes.values(), *self._painted.values()):
+        for display_list in self._painted.values():
             GL.glDeleteLists(display_list, 1)
         for material, (picture, texture) in list(self._textures.items()):
             if textures.get(material) is not picture:
                 GL.glDeleteTextures([texture])
                 del self._textures[material]
-        self._model, self._pictures, self._meshes, self._painted = model, textures, {}, {}
+        self._model, self._pictures, self._painted = model, textures, {}
         self._screen = model.material(self._screen_material).id if self._screen_material else -1
 
     @property
@@ -277,7 +275,7 @@ class Passes:
         GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
         GL.glPolygonOffset(-1.5, -4.0)
         for geom in geoms:
-            self._draw(geom, self._mesh(geom))
+            self._draw(geom, self._mesh(geom.number))
         GL.glPopAttrib()
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         GL.glDrawBuffer(GL.GL_COLOR_ATTACHMENT0)
@@ -363,7 +361,7 @@ class Passes:
                     if self._screen >= 0:
                         screen = self._model.geom_matid[geom.number] == self._screen
                         GL.glUniform1f(self._uniform["screen"], float(screen))
-                    self._draw(geom, self._display_list(geom))
+                    self._draw(geom, self._display_list(geom.number))
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
 
     def _read(self, name: str, window: Window) -> NDArray[np.uint8]:
@@ -418,7 +416,7 @@ class Passes:
                 GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
             for geom in geoms:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
-                self._draw(geom, self._mesh(geom))
+                self._draw(geom, self._mesh(geom.number))
 
     def _read_ids(
         self, name: str, window: Window, *, with_depth: bool = True
@@ -457,51 +455,29 @@ class Passes:
         GL.glCallList(display_list)
         GL.glPopMatrix()
 
-    def _mesh(self, geom: Geom) -> int:
-        """Display list of a geom's faces: the one that MuJoCo made of the whole mesh, or as that has them."""
-        model, mesh, (first, end) = self._model, self._model.geom_dataid[geom.number], geom.faces
-        if (first, end) == (0, model.mesh_facenum[mesh]):
-            return int(self._context.baseMesh + 2 * mesh)
-        piece = geom.number, geom.faces
-        if piece not in self._meshes:
-            some = slice(model.mesh_faceadr[mesh] + first, model.mesh_faceadr[mesh] + end)
-            corners = np.hstack([
-                np.asarray(of)[start[mesh] + np.asarray(indices)[some].ravel()]
-                for of, start, indices in (
-                    (model.mesh_texcoord, model.mesh_texcoordadr, model.mesh_facetexcoord),
-                    (model.mesh_normal, model.mesh_normaladr, model.mesh_facenormal),
-                    (model.mesh_vert, model.mesh_vertadr, model.mesh_face),
-                )
-            ])  # fmt: skip
-            self._meshes[piece] = made = int(GL.glGenLists(1))
-            GL.glPushClientAttrib(GL.GL_CLIENT_VERTEX_ARRAY_BIT)
-            GL.glInterleavedArrays(GL.GL_T2F_N3F_V3F, 0, np.ascontiguousarray(corners, np.float32))
-            GL.glNewList(made, GL.GL_COMPILE)
-            GL.glDrawArrays(GL.GL_TRIANGLES, 0, len(corners))
-            GL.glEndList()
-            GL.glPopClientAttrib()
-        return self._meshes[piece]
+    def _mesh(self, number: int) -> int:
+        """Display list that MuJoCo made of a geom's mesh."""
+        return int(self._context.baseMesh + 2 * self._model.geom_dataid[number])
 
-    def _display_list(self, geom: Geom) -> int:
-        """Display list of a geom's material, texture and faces."""
-        piece = geom.number, geom.faces
-        if piece not in self._painted:
-            model, mesh = self._model, self._mesh(geom)
-            material = int(model.geom_matid[geom.number])
+    def _display_list(self, number: int) -> int:
+        """Display list of a geom's material, texture and mesh."""
+        if number not in self._painted:
+            model = self._model
+            material = int(model.geom_matid[number])
             rgba = np.asarray(model.mat_rgba[material], np.float32)
             specular = np.array([*[model.mat_specular[material]] * 3, 1], np.float32)
             emission = np.array([*(model.mat_emission[material] * rgba[:3]), 1], np.float32)
             texture = self._texture(model.material(material).name)
-            self._painted[piece] = made = int(GL.glGenLists(1))
+            self._painted[number] = made = GL.glGenLists(1)
             GL.glNewList(made, GL.GL_COMPILE)
             GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_AMBIENT_AND_DIFFUSE, rgba)
             GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_EMISSION, emission)
             GL.glMaterialfv(GL.GL_FRONT_AND_BACK, GL.GL_SPECULAR, specular)
             GL.glMaterialf(GL.GL_FRONT_AND_BACK, GL.GL_SHININESS, 128.0 * float(model.mat_shininess[material]))
             GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
-            GL.glCallList(mesh)
+            GL.glCallList(self._mesh(number))
             GL.glEndList()
-        return self._painted[piece]
+        return self._painted[number]
 
     def _texture(self, material: str) -> int:
         """Texture of a material, uploaded when it is first drawn; white where it has none."""

@@ -173,7 +173,7 @@ class Renderer:
     def _prepare(self, model: mujoco.MjModel) -> None:
         """Make what MuJoCo and the render passes need of a model."""
         self.data, self._scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=1)
-        self._pieces = geoms.Pieces.of(model)
+        self._boxes = geoms.boxes(model)
 
     def takes(self, scenario: Scenario) -> bool:
         """Whether `revise` can go on with a scenario; if not, it needs a renderer of its own."""
@@ -351,7 +351,7 @@ class Renderer:
         mujoco.mjv_updateScene(
             self.world.model, self.data, self._lights_alone, None, self._abstract, everything, self._scene
         )
-        self._geoms = geoms.shown(self.world.model, self.data, self._pieces, grab_only=grab_only)
+        self._geoms = geoms.shown(self.world.model, self.data, self._boxes, grab_only=grab_only)
 
     @property
     def _pinhole(self) -> tuple[float, Array]:
