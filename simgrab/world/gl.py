@@ -173,9 +173,9 @@ def fingerprint() -> Fingerprint:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Offscreen:
-    """An offscreen buffer with a model's textures and meshes in it."""
+    """An OpenGL context with an offscreen buffer, and a model's meshes in it."""
 
     window: Any
     context: mujoco.MjrContext
@@ -183,6 +183,23 @@ class Offscreen:
     def make_current(self) -> None:
         """Make this context current again after another renderer used the thread."""
         self.window.make_current()
+
+    def load(self, model: mujoco.MjModel) -> None:
+        """Put another model's meshes in the place of the present ones; textures and framebuffers of others stay."""
+        self.make_current()
+        before, self.context = self.context, _loaded(model, 1, 1)
+        before.free()
+
+
+def _loaded(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.MjrContext:
+    import mujoco
+
+    model.vis.global_.offwidth, model.vis.global_.offheight = width_px, height_px
+    with _out_of_memory_raises():
+        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # as drawn: the other way loses far digits
+    return context
 
 
 @contextmanager
@@ -249,10 +266,8 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
         if os.environ["MUJOCO_GL"] == "osmesa":
             atexit.register(window.free)  # later its __del__ would fail, for want of PyOpenGL
         window.make_current()
-        model.vis.global_.offwidth, model.vis.global_.offheight = width_px, height_px
         try:
-            with _out_of_memory_raises():
-                context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+            buffer = Offscreen(window, _loaded(model, width_px, height_px))
         except BaseException:
             window.free()
             atexit.unregister(window.free)
@@ -260,12 +275,10 @@ def offscreen(model: mujoco.MjModel, width_px: int, height_px: int) -> Iterator[
     except (ImportError, AttributeError, ValueError, RuntimeError, mujoco.FatalError) as problem:
         raise RendererError(f"no offscreen OpenGL ({problem}); {_advice()}") from problem
     try:
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
-        context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # as drawn: the other way loses far digits
-        yield Offscreen(window, context)
+        yield buffer
     finally:
         if not sys.is_finalizing():  # by then EGL itself is closed, and with it the context
             window.make_current()  # else what is freed would be another context's, whose names are the same numbers
-            context.free()
+            buffer.context.free()
             window.free()
             atexit.unregister(window.free)

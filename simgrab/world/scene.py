@@ -51,7 +51,7 @@ class Scene:
         self._metered: tuple[int, Exposure] | None = None
 
     def revise(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS) -> bool:
-        """Become the scene of another variant, if world and OpenGL context can stay.
+        """Become the scene of another variant, if the OpenGL context can stay; what has not changed is reused.
 
         Its frames are then bit-identical to those of a scene built for that variant.
 
@@ -71,13 +71,12 @@ class Scene:
             If the camera is impossible; the scene is then as before.
         """
         old, new = self.scenario, variant.scenario
+        if not self.renderer.takes(new):
+            return False
         plan = adapted(self.world.plan, old, new) if variant.draws == self.variant.draws else None
-        if plan is None:
-            return False
-        camera, trajectory = Camera(new), Trajectory(new, extensions, plan)
-        world = self.world if plan is self.world.plan else replace(self.world, plan=plan)
-        if not self.renderer.revise(world, old, new):
-            return False
+        world = replace(self.world, plan=plan) if plan else model.build(new, self.replanned(variant))
+        camera, trajectory = Camera(new), Trajectory(new, extensions, world.plan)
+        self.renderer.revise(world, old, new)
         self.variant, self.scenario, self.world = variant, new, world
         self.camera, self.trajectory, self._metered = camera, trajectory, None
         return True

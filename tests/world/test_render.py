@@ -85,16 +85,16 @@ def test_a_window_shows_what_the_whole_picture_shows(generator):
 def test_windows_larger_than_the_buffer_are_drawn_in_tiles(generator):
     projection, renderer = generator.project(1), generator.scene(1).renderer
     moment, (x0, y0, x1, y1) = projection.moment, projection.window
-    wide = renderer.view(moment, (x0 - 300, y0 - 300, x1 + 300, y1 + 300), grab_only=True)
-    tight = renderer.view(moment, projection.window, grab_only=True)
-    assert np.mean(wide.crop(projection.window).ids != tight.ids) < 0.01
-    assert (wide.ids == GRAB).sum() == pytest.approx((tight.ids == GRAB).sum(), rel=0.01)
+    wide = renderer.silhouette(moment, (x0 - 300, y0 - 300, x1 + 300, y1 + 300))
+    tight = renderer.silhouette(moment, projection.window)
+    assert np.mean(wide[300:-300, 300:-300] != tight) < 0.01
+    assert wide.sum() == pytest.approx(tight.sum(), rel=0.01)
 
 
 @pytest.mark.parametrize("frame", range(4))
 def test_the_amodal_box_bounds_the_drawn_silhouette(generator, frame):
     projection, renderer = generator.project(frame), generator.scene(frame).renderer
-    mask = renderer.view(projection.moment, projection.window, grab_only=True).ids == GRAB
+    mask = renderer.silhouette(projection.moment, projection.window)
     y, x = np.nonzero(mask)
     drawn = np.array([x.min(), y.min(), x.max() + 1, y.max() + 1]) + 2 * projection.window[:2]
     assert np.abs(drawn - projection.amodal_box).max() <= 1.0

@@ -31,7 +31,7 @@ class Distortion:
         return not (self.k1 or self.k2 or self.p1 or self.p2 or self.k3)
 
     @property
-    def _is_radial(self) -> bool:
+    def is_radial(self) -> bool:
         """Terms that are 0 are left out: most lenses have k1 alone, and millions of pixels go through it."""
         return not (self.p1 or self.p2)
 
@@ -47,7 +47,7 @@ class Distortion:
         """`apply`, coordinate by coordinate; shape (2, ...)."""
         r2 = x * x + y * y
         radial = self._radial(r2)
-        if self._is_radial:
+        if self.is_radial:
             return np.stack([x * radial, y * radial])
         return np.stack(
             [
@@ -71,7 +71,7 @@ class Distortion:
         slope: Array | float = 2 * self.k1
         if self.k2 or self.k3:
             slope = 2 * (self.k1 + r2 * (2 * self.k2 + 3 * r2 * self.k3))  # d(radial)/dx = slope·x
-        if self._is_radial:
+        if self.is_radial:
             along = slope * x
             return radial + along * x, radial + slope * y * y, along * y
         return (
@@ -213,8 +213,14 @@ class Intrinsics:
 @lru_cache(maxsize=1)
 def _normalised_centres(intrinsics: Intrinsics) -> Array:
     """Undistorted (x, y) at unit depth of all pixels' centres, shape (height, width, 2); the last camera's are kept."""
-    u, v = np.arange(intrinsics.width_px) + 0.5, np.arange(intrinsics.height_px) + 0.5
+    w, h = intrinsics.width_px, intrinsics.height_px
+    centred = (intrinsics.cx_px, intrinsics.cy_px) == (w / 2, h / 2) and intrinsics.distortion.is_radial
+    columns, rows = ((w + 1) // 2, (h + 1) // 2) if centred else (w, h)  # the other quarters mirror the first one
+    u, v = np.arange(columns) + 0.5, np.arange(rows) + 0.5
     found = intrinsics.distortion.remove(intrinsics._from_pixels(np.stack(np.meshgrid(u, v), axis=-1)))
+    if centred:
+        found = np.concatenate([found, np.flip(found[:, : w // 2], axis=1) * (-1, 1)], axis=1)
+        found = np.concatenate([found, np.flip(found[: h // 2], axis=0) * (1, -1)])
     found.setflags(write=False)
     return found
 

@@ -86,7 +86,7 @@ def observe(renderer: Renderer, projection: Projection, full: View | None = None
     inner = max(x0, 0), max(y0, 0), min(x1, k.width_px), min(y1, k.height_px)
     if not projection.meets(k.width_px, k.height_px):
         return NONE_VISIBLE
-    whole = renderer.view(moment, projection.window, grab_only=True).ids == GRAB
+    whole = renderer.silhouette(moment, projection.window)
     visible = full.crop(inner) if full else renderer.view(moment, inner)
     total = max(int(whole.sum()), 1)
     inside = whole[inner[1] - y0 : inner[3] - y0, inner[0] - x0 : inner[2] - x0]

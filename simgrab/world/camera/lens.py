@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -47,8 +48,9 @@ class Lens:
         self._full: Window = (0, 0, intrinsics.width_px, intrinsics.height_px)
         self._ideal = intrinsics.undistorted_centres()
         self._whole = PictureMap(self._ideal)
+        self.map = lru_cache(maxsize=1)(self._map)  # where the grab is in the picture, two are the same
 
-    def map(self, window: Window, finer: int = 1, *, enlarged: bool = False) -> PictureMap:
+    def _map(self, window: Window, finer: int = 1, *, enlarged: bool = False) -> PictureMap:
         """Map a window, rendered ``finer`` or not, to the picture's pixels, or ``enlarged`` to as fine ones."""
         if window == self._full and finer == 1:
             return self._whole

@@ -96,7 +96,7 @@ _PHOTOGRAPH_FRAGMENT = (
 
 @dataclass(frozen=True)
 class Target:
-    """Framebuffers for windows of one size, by name.
+    """Framebuffers for windows of up to one size, by name.
 
     Those of ``ids`` and ``picture`` are drawn into, ``resolved`` takes the mean of samples, and ``kept_ids`` and
     ``kept_picture`` keep what stands still.
@@ -105,6 +105,10 @@ class Target:
     size: tuple[int, int]
     samples: int
     framebuffers: dict[str, int] = field(default_factory=dict)
+
+    def holds(self, size: tuple[int, int]) -> bool:
+        """Whether windows of another size fit."""
+        return size[0] <= self.size[0] and size[1] <= self.size[1]
 
     def __getitem__(self, name: str) -> int:
         if name not in self.framebuffers:
@@ -115,7 +119,7 @@ class Target:
 
 
 class Passes:
-    """Draws geoms of one model. Call its methods while the model's OpenGL context is current.
+    """Draws geoms of one model at a time. Call its methods while the buffer's OpenGL context is current.
 
     Parameters
     ----------
@@ -124,6 +128,7 @@ class Passes:
     textures : mapping of str to ndarray of uint8, shape (h, w, 3)
         By the name of their material.
     buffer : Offscreen
+        With the model's meshes.
     size : tuple of 2 ints
         Of the largest window that is drawn at once, px.
     screen : str
@@ -141,14 +146,12 @@ class Passes:
     ) -> None:  # fmt: skip
         if b"GL_ARB_clip_control" not in (GL.glGetString(GL.GL_EXTENSIONS) or b"").split():
             raise RendererError("this OpenGL lacks ARB_clip_control, which Mesa has since 10.5")
-        meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
-        if not meshes or (np.asarray(model.mat_rgba)[:, 3] < 1).any():
-            raise RendererError("every geom must be an opaque mesh")
-        self._model, self._context = model, buffer.context
-        self._pictures, self._textures = textures, dict[str, int]()
+        self._buffer = buffer
+        self._textures = dict[str, tuple[NDArray[np.uint8], int]]()
         self._painted: dict[int, int] = {}
         self._program = _program(_PHOTOGRAPH_FRAGMENT if screen else _FRAGMENT)
-        self._screen, self._photograph = model.material(screen).id if screen else -1, 0
+        self._screen_material, self._photograph = screen, 0
+        self.load(model, textures)
         self._uniform = {
             name: GL.glGetUniformLocation(self._program, name)
             for name in ("shadow_from_eye", "shadowed", "paint", "shadow", "photograph", "screen", "size")
@@ -163,6 +166,24 @@ class Passes:
         self.target = self.made(size)
         self._kept: int | None = None
         self._darkened = _WHOLE_MAP  # part of the shadow map that differs from the kept one
+
+    def load(self, model: mujoco.MjModel, textures: Mapping[str, NDArray[np.uint8]]) -> None:
+        """Draw geoms of another model, which the buffer has loaded; textures of the same arrays stay in OpenGL."""
+        meshes = (np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_MESH).all()
+        if not meshes or (np.asarray(model.mat_rgba)[:, 3] < 1).any():
+            raise RendererError("every geom must be an opaque mesh")
+        for display_list in self._painted.values():
+            GL.glDeleteLists(display_list, 1)
+        for material, (picture, texture) in list(self._textures.items()):
+            if textures.get(material) is not picture:
+                GL.glDeleteTextures([texture])
+                del self._textures[material]
+        self._model, self._pictures, self._painted = model, textures, {}
+        self._screen = model.material(self._screen_material).id if self._screen_material else -1
+
+    @property
+    def _context(self) -> mujoco.MjrContext:
+        return self._buffer.context
 
     def made(self, size: tuple[int, int], *, smooth: bool = True) -> Target:
         """Make framebuffers for windows of a size, with antialiasing or without; they are used as ``target``."""
@@ -357,8 +378,9 @@ class Passes:
         return rgb
 
     def identify(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False,
+        with_depth: bool = True,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:  # fmt: skip
         """Draw the ids and depth of geoms, and keep them for `identify_over` or not; see `colour`.
 
         Returns
@@ -366,11 +388,11 @@ class Passes:
         ids : ndarray of uint8, shape (h, w)
             Groups of the geoms, 255 where there is none.
         depth : ndarray of float32, shape (h, w)
-            What the depth buffer has: 1 at the near plane, 0 at the far one.
+            What the depth buffer has: 1 at the near plane, 0 at the far one; empty unless wanted.
         """
         name = "kept_ids" if keep else "ids"
         self._identify(name, scene, rect, geoms, clear=True)
-        return self._read_ids(name, (0, 0, rect.width, rect.height))
+        return self._read_ids(name, (0, 0, rect.width, rect.height), with_depth=with_depth)
 
     def identify_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
@@ -396,13 +418,16 @@ class Passes:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
                 self._draw(geom, self._mesh(geom.number))
 
-    def _read_ids(self, name: str, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _read_ids(
+        self, name: str, window: Window, *, with_depth: bool = True
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
-        ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
+        ids, depth = np.empty((height, width), np.uint8), np.empty((height, width) if with_depth else 0, np.float32)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target[name])
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
-        GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
+        if with_depth:
+            GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         ids -= 1  # 0, which is nothing, becomes 255
         return ids, depth
@@ -459,8 +484,9 @@ class Passes:
         if material not in self._pictures:
             return self._white
         if material not in self._textures:
-            self._textures[material] = _texture(self._pictures[material][::-1])
-        return self._textures[material]
+            picture = self._pictures[material]
+            self._textures[material] = picture, _texture(picture[::-1])
+        return self._textures[material][1]
 
 
 @contextmanager

@@ -154,16 +154,14 @@ class Renderer:
         self._shade_kept = False
         self._aim = _Aim.of(scenario)
         model = world.model
-        self.data = mujoco.MjData(model)
         self._lights_alone = mujoco.MjvOption()
         self._lights_alone.geomgroup[:] = 0
-        self._scene = mujoco.MjvScene(model, maxgeom=1)
         self._abstract = mujoco.MjvCamera()
         with ExitStack() as stack:
             self._buffer = stack.enter_context(gl.offscreen(model, 1, 1))  # the passes have framebuffers of their own
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
-            self._boxes = geoms.boxes(model)
+            self._prepare(model)
             self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
             self._background_shown = -1
             screen = PHOTOGRAPH if self._background else ""
@@ -172,35 +170,42 @@ class Renderer:
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
 
-    def revise(self, world: World, old: Scenario, new: Scenario) -> bool:
-        """Go on with another scenario whose world has the same parts, in the same OpenGL context.
+    def _prepare(self, model: mujoco.MjModel) -> None:
+        """Make what MuJoCo and the render passes need of a model."""
+        self.data, self._scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=1)
+        self._boxes = geoms.boxes(model)
+
+    def takes(self, scenario: Scenario) -> bool:
+        """Whether `revise` can go on with a scenario; if not, it needs a renderer of its own."""
+        own, new = self._image, scenario.image
+        smooth = new.samples in (0, own.samples) and new.shadow_map_px == own.shadow_map_px
+        return smooth and isinstance(scenario.place, Photo) == (self._background is not None)
+
+    def revise(self, world: World, old: Scenario, new: Scenario) -> None:
+        """Go on with another scenario, in the same OpenGL context.
 
         Parameters
         ----------
         world : World
-            With the same model.
+            With the same model and other lights, or with a model of its own.
         old, new : Scenario
             The one that it rendered last, and the one to render.
-
-        Returns
-        -------
-        bool
-            Whether it does; else nothing has changed, and the scenario needs a renderer of its own.
 
         Raises
         ------
         ScenarioError
-            If the lens sees too much; then nothing has changed either.
+            If the lens sees too much; then nothing has changed.
         """
-        smooth = new.image.samples > 0
-        if new.image.shadow_map_px != self._image.shadow_map_px:
-            return False
-        if smooth and new.image.samples != self._image.samples:
-            return False
-        if old.light != new.light:
+        smooth, same = new.image.samples > 0, world.model is self.world.model
+        if not same or old.light != new.light:
             aim, others = _Aim.of(new), list[_Aim]()
-            world.relight(new)
             self._shade_kept = False
+            if same:
+                world.relight(new)
+            else:
+                self._buffer.load(world.model)
+                self._passes.load(world.model, world.textures)
+                self._prepare(world.model)
         else:
             known = [one for one in self._aims if (one.camera, one.smooth) == (new.camera, smooth)]
             aim = known[0] if known else _Aim.of(new)
@@ -210,14 +215,13 @@ class Renderer:
         if self._background:
             self._background, self._background_shown = Background(new), -1
         self.world, self._posed = world, None
-        return True
 
     def _use(self, aim: _Aim, kept: list[_Aim]) -> None:
         """Take a camera, with framebuffers of its size, and free those of others that are not kept."""
         self._buffer.make_current()
         spare = [one for one in self._aims if all(one is not other for other in kept)]
         for one in spare:
-            if aim.target is None and (one.size, one.smooth) == (aim.size, aim.smooth):
+            if one.target and aim.target is None and one.smooth == aim.smooth and one.target.holds(aim.size):
                 aim.target = one.target
             elif one.target is not None:
                 self._passes.free(one.target)
@@ -278,7 +282,7 @@ class Renderer:
         """Whether a lens distorts the picture, so that a `coarse_view` differs from a `view`."""
         return self._aim.lens is not None
 
-    def view(self, moment: Moment, window: Window | None = None, *, grab_only: bool = False) -> View:
+    def view(self, moment: Moment, window: Window | None = None) -> View:
         """Render ids and depth through a window of the picture, as finely as labels need them.
 
         Parameters
@@ -286,14 +290,20 @@ class Renderer:
         moment : Moment
         window : Window, optional
             The whole picture unless given. It may reach beyond the picture.
-        grab_only : bool
-            Render the grab and what it holds as if nothing were in front of it.
         """
-        self._gather(moment, grab_only=grab_only)
-        return self._view(moment, window or self.full, LENS_SAMPLES, with_place=not grab_only)
+        self._gather(moment)
+        return self._view(moment, window or self.full, LENS_SAMPLES)
 
-    def silhouette(self, moment: Moment, window: Window, samples: int) -> NDArray[np.bool_]:
-        """Render the whole grab alone through a window, with so many samples a pixel and direction.
+    def silhouette(self, moment: Moment, window: Window, samples: int = 0) -> NDArray[np.bool_]:
+        """Render the grab and what it holds through a window, as if nothing were in front of it.
+
+        Parameters
+        ----------
+        moment : Moment
+        window : Window
+            It may reach beyond the picture.
+        samples : int
+            Of each pixel and direction; one, as `view` has it, unless given.
 
         Returns
         -------
@@ -301,10 +311,12 @@ class Renderer:
         """
         self._gather(moment, grab_only=True)
         if self._aim.lens is None:
-            x0, y0, x1, y1 = (samples * v for v in window)
-            return self._draw_tiles((x0, y0, x1, y1), samples)[0] == GRAB
-        lens = self._aim.lens.map(window, samples, enlarged=True)
-        return lens.resample(self._draw_tiles(lens.source, samples)[0], cv2.INTER_NEAREST, NOTHING) == GRAB
+            x0, y0, x1, y1 = (max(samples, 1) * v for v in window)
+            return self._draw_tiles((x0, y0, x1, y1), max(samples, 1), with_depth=False)[0] == GRAB
+        finer = samples or LENS_SAMPLES
+        lens = self._aim.lens.map(window, finer, enlarged=samples > 0)
+        ids = self._draw_tiles(lens.source, finer, with_depth=False)[0]
+        return lens.resample(ids, cv2.INTER_NEAREST, NOTHING) == GRAB
 
     def coarse_view(self, moment: Moment) -> View:
         """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
@@ -322,12 +334,14 @@ class Renderer:
             self._aim.still_coarse = _bent(lens, self.full, ids[::-1], depth[::-1])
         return self._aim.still_coarse
 
-    def _view(self, moment: Moment, window: Window, finer: int, *, with_place: bool = True) -> View:
-        lens = self._aim.lens.map(window, finer) if self._aim.lens else None
+    def _view(self, moment: Moment, window: Window, finer: int) -> View:
+        lens = self._aim.lens.map(window, finer, enlarged=False) if self._aim.lens else None
         source = lens.source if lens else window
-        whole = with_place and source == self._aim.drawn and (finer == 1 or not lens)
-        ids, depth = self._draw_whole(moment) if whole else self._draw_tiles(source, finer if lens else 1)
-        return _bent(lens, window, ids, depth)
+        if source == self._aim.drawn and (finer == 1 or not lens):
+            return _bent(lens, window, *self._draw_whole(moment))
+        ids, buffer = self._draw_tiles(source, finer if lens else 1)
+        view = _bent(lens, window, ids, buffer, 0.0)
+        return View(window, view.ids, _metres(view.depth))  # of the few pixels that are left
 
     def _gather(self, moment: Moment, *, grab_only: bool = False) -> None:
         """Pose the world, and list what is drawn of it."""
@@ -460,11 +474,13 @@ class Renderer:
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
         return ids[::-1], depth[::-1]
 
-    def _draw_tiles(self, window: Window, finer: int = 1) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Ids and depth of a window of the undistorted picture, in tiles that fit the buffer."""
+    def _draw_tiles(
+        self, window: Window, finer: int, *, with_depth: bool = True
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Ids and depth buffer of a window of the undistorted picture, in tiles that fit the framebuffer."""
         x0, y0, x1, y1 = window
         ids = np.empty((y1 - y0, x1 - x0), np.uint8)
-        depth = np.empty((y1 - y0, x1 - x0), np.float32)
+        depth = np.empty(ids.shape if with_depth else (0, 0), np.float32)
         for y in range(y0, y1, self._aim.size[1]):
             for x in range(x0, x1, self._aim.size[0]):
                 tile = (x, y, min(x + self._aim.size[0], x1), min(y + self._aim.size[1], y1))
@@ -472,16 +488,18 @@ class Renderer:
                 rect, (left, top, right, bottom) = self.aim(tile, self._scene, finer), (v / finer for v in tile)
                 near, _, _, low = self._aim.drawn
                 some = self._geoms_in((left - near, low - bottom, right - near, low - top))
-                own, buffer = self._passes.identify(self._scene, rect, some)
-                ids[at], depth[at] = own[::-1], _metres(buffer)[::-1]
+                own, buffer = self._passes.identify(self._scene, rect, some, with_depth=with_depth)
+                ids[at], depth[at] = own[::-1], buffer[::-1]
         return ids, depth
 
 
-def _bent(lens: PictureMap | None, window: Window, ids: NDArray[np.uint8], depth: NDArray[np.float32]) -> View:
+def _bent(
+    lens: PictureMap | None, window: Window, ids: NDArray[np.uint8], depth: NDArray[np.float32], far: float = FAR_M
+) -> View:
     """View of a window of the picture from what was drawn for it, bent by a lens where there is one."""
     if lens:
         ids = lens.resample(ids, cv2.INTER_NEAREST, NOTHING)
-        depth = lens.resample(depth, cv2.INTER_NEAREST, FAR_M)
+        depth = lens.resample(depth, cv2.INTER_NEAREST, far)
     return View(window, ids, depth)
 
 
