@@ -187,6 +187,7 @@ class Offscreen:
     def load(self, model: mujoco.MjModel) -> None:
         """Put another model's meshes in the place of the present ones; textures and framebuffers of others stay."""
         self.make_current()
+        model.vis.quality.offsamples = self.context.offSamples  # pictures without antialiasing do not use it
         before, self.context = self.context, _loaded(model, 1, 1)
         before.free()
 
