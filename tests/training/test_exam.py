@@ -19,7 +19,7 @@ from simgrab.model.scenario.factor import JOINT
 EXAMS = [name for name in scenes.names() if name.startswith("exam-")]
 FAMILIES = ("scissors", "large", "known")
 WEATHERS = ("calm", "windy", "night-snow", "heavy-snow", "rain", "fog-dust", "glare")
-LEARNED = ("training", "training-shapes")
+LEARNED = ("training", "training-shapes", "training-large")
 SOURCES = (*build_weights.DETECTOR, build_weights.READER)
 LEAST_APART = 0.15  # of two paints, in RGB's cube of side 1
 
