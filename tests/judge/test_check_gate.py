@@ -249,6 +249,37 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     )
 
 
+@dataclasses.dataclass
+class Astray:
+    """Shifts box and centre of the sound pipeline by 150 px in every k-th frame."""
+
+    pipeline: Pipeline
+    every: int = 4
+    name: str = "astray"
+
+    def __call__(self, frames, calibration):
+        for i, m in enumerate(self.pipeline.record(frames, calibration).measurements):
+            box, centre = (None if where is None else np.array(where) + 150.0 for where in (m.box, m.centre))
+            yield msgspec.structs.replace(m, box=box, centre=centre) if i % self.every == 0 else m
+
+
+def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
+    limits = {"detection.centre.p95_px": {"upper": 25.0}, "detection.recall": {"lower": 0.7}}
+    small = suite.load(write(tmp_path, limits=limits))
+    result = gate.check(small, options(place, Astray(sound(place / "cache")), baseline=None))
+    assert {v.what: v.frames for v in result.verdicts[:2]} == {
+        "detection.centre.p95_px": "12 of 16 frames", "detection.recall": ""
+    }  # fmt: skip
+    (warning,) = (note for note in result.notes if "warning" in note)
+    assert re.search(r"leaves out 4 of 16 centres, up to 21\d px off", warning)
+    assert warning.endswith("frames 0, 4, 8, 12")
+    assert " (12 of 16 frames)" in page.page(result)
+    assert warning in json.loads(report.as_json(result))["notes"]
+    every = gate.check(small, options(place, Astray(sound(place / "cache"), 1), baseline=None))
+    assert failed(every)["detection.centre.p95_px"].endswith("(IoU of at least 0.5), and none of 16 does")
+    assert not gate.check(small, options(place, sound, baseline=None)).notes[1:]
+
+
 @needs_chromium
 def test_the_page_fits_windows_and_phones(place, tmp_path):
     result = check(place, FAULTS["h 5 % off"])

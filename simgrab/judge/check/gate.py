@@ -22,7 +22,7 @@ from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
-from simgrab.judge.check.verdicts import Verdict, lax, of_trial
+from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial
 from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
@@ -188,6 +188,8 @@ def _scene(
     if blind := [v.what for v in verdicts if recorded and v.value is not None and v.reference is None]:
         why = "because the baseline has too few values"
         notes.append(f"{name}: compared with limits only, {why}: {', '.join(blind)}")
+    if left := leaves_out(found, verdicts):
+        notes.append(f"{name}: warning: {left}")
     if met := lax(verdicts, limits):
         passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
         notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
