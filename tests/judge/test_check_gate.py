@@ -243,8 +243,8 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     (scene,) = check(place, constant, small=small, baseline=None).scenes.values()
     assert "hardly follows the swing" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
     (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
-    assert re.fullmatch(
-        r"On .* (1\.[89]|2\.[012]) px right of and 0\.\d px (below|above) the true one\.",
+    assert re.match(
+        r"On .* (1\.[89]|2\.[012]) px right of and 0\.\d px (below|above) the true one\. Largest errors of the centre",
         " ".join(causes(scene.trial, ["detection.centre.median_px"])),
     )
 
@@ -275,6 +275,23 @@ def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
     assert warning.endswith("frames 0, 4, 8, 12")
     assert " (12 of 16 frames)" in page.page(result)
     assert warning in json.loads(report.as_json(result))["notes"]
+    limits = {"detection.centre.p95_px": {"upper": 0.01}, "angle.overall.rmse_deg": {"upper": 0.01}}
+    strict = suite.load(write(tmp_path, limits=limits))
+    result = gate.check(strict, options(place, Astray(sound(place / "cache")), baseline=None))
+    (scene,) = result.scenes.values()
+    for frame in (0, 4, 8, 12):
+        assert f" px in frame {frame}" in scene.causes
+        assert re.search(rf"<figcaption>Frame {frame}: .*, centre 21\d\.\d px off", page.page(result))
+    assert "Correct the centre first: its error (95th percentile) is 21" in scene.causes
+    assert "the error arises" not in scene.causes
+    assert "Largest contribution" not in scene.causes
+    (scene,) = gate.check(strict, options(place, sound, baseline=None)).scenes.values()
+    assert "Largest contribution in the error budget with simgrab's estimator rope-aware: " in scene.causes
+    found = scene.trial.evaluation
+    own = msgspec.structs.replace(found.budget.run, rmse_deg=0.0)  # better than simgrab's estimator
+    better = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own))
+    why = " ".join(causes(dataclasses.replace(scene.trial, evaluation=better), ["angle.overall.rmse_deg"]))
+    assert "Largest contribution" not in why
     every = gate.check(small, options(place, Astray(sound(place / "cache"), 1), baseline=None))
     assert failed(every)["detection.centre.p95_px"].endswith("(IoU of at least 0.5), and none of 16 does")
     assert not gate.check(small, options(place, sound, baseline=None)).notes[1:]
