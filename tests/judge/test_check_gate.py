@@ -150,6 +150,9 @@ def test_without_a_baseline_limits_alone_are_held(place, tmp_path):
     assert result.passed
     assert "none is recorded" in result.notes[0]
     assert "limits only" in result.notes[0]
+    shares = {"frames.ok": {"lower": 0.95}, "detection.recall": {"lower": 0.5}, "frames.missed": {"upper": 1.0}}
+    counted = check(place, small=suite.load(write(tmp_path, limits=shares)), baseline=None)
+    assert counted.of_suite[1].endswith("limits between 0 and 1 on counts, which are no shares: frames.ok ≥ 0.95")
     plain = SUITE["scenes"]["swing"] | {"golden": []}
     free = check(place, small=suite.load(write(tmp_path, limits={}, scenes={"swing": plain})), baseline=None)
     assert free.notes[-1] == "swing: nothing is judged, because it has no limits"
@@ -333,6 +336,10 @@ def raises(_):
     return 1 / 0
 
 
+def raises_in_frame_9(frames):
+    return [1 / (i - 9) and MEASURED for i, _ in enumerate(frames)]
+
+
 def quits(_):
     sys.exit("no licence")
 
@@ -345,7 +352,8 @@ def outputs(**fields):
 
 
 ACTS = {
-    "raises": (raises, "ZeroDivisionError: division by zero"),
+    "raises": (raises, "it took no frame"),
+    "raises in frame 9": (raises_in_frame_9, "the last frame it took is 9"),
     "quits": (quits, "SystemExit: no licence"),
     "gives nothing": (lambda _: None, "TypeError"),
     "gives too few": (lambda _: [MEASURED], "measurements of"),

@@ -91,6 +91,8 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
         return _unmade(suite, options, seed, problem)
     folder = options.baseline or Path(suite.baseline)
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
+    if shares := suite.shares_of_counts():
+        notes += (f"warning: limits between 0 and 1 on counts, which are no shares: {', '.join(shares)}",)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
