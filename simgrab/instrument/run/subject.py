@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import traceback
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,7 +77,7 @@ class CheckedInstrument:
         """Measure a record; NumPy's numbers are converted to plain ones."""
         passing = _Passing(self.name, frames)
         given: list[object] = []
-        with one_line(self.name, passing=RecordError):
+        with one_line(self.name, passing=RecordError, after=passing.latest):
             for one in self.instrument(passing, calibration):
                 if not passing.reach(len(given) + 1):
                     if not given:  # nor is there a frame, which is reported elsewhere
@@ -146,6 +146,10 @@ class _Passing:
             self._taken += 1
             return frame
 
+    def latest(self) -> str:
+        """Name the frame that was taken last."""
+        return f"; the last frame it took is {self._taken - 1}" if self._taken else "; it took no frame"
+
     def reach(self, count: int | None) -> bool:
         """Advance to this number of frames; False if there are no more. None advances to the end."""
         with self._lock:
@@ -169,8 +173,10 @@ def _number(value: Any) -> Any:
 
 
 @contextmanager
-def one_line(what: str, *, passing: type[SimgrabError] = InstrumentError) -> Iterator[None]:
-    """Turn any exception into one line: what failed, why, and where in the user's code.
+def one_line(
+    what: str, *, passing: type[SimgrabError] = InstrumentError, after: Callable[[], str] = str
+) -> Iterator[None]:
+    """Turn any exception into one line: what failed, why, where in the user's code, and what ``after`` adds.
 
     Errors of the class ``passing`` are raised as they are.
 
@@ -187,7 +193,7 @@ def one_line(what: str, *, passing: type[SimgrabError] = InstrumentError) -> Ite
     except (Exception, SystemExit) as problem:
         lines = str(problem).strip().splitlines()
         cause = f"{type(problem).__name__}: {lines[0]}" if lines else type(problem).__name__
-        raise InstrumentError(f"{what}: {cause}{_where(problem)}") from problem
+        raise InstrumentError(f"{what}: {cause}{_where(problem)}{after()}") from problem
 
 
 def _where(problem: BaseException) -> str:

@@ -10,6 +10,8 @@ import numpy as np
 from simgrab.instrument.run.runs import reasons
 from simgrab.judge.check.trial import Trial
 
+_LISTED = 4  # frames at most
+
 
 def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> Iterator[str]:
     """State in sentences what the errors of a scene consist of; nothing where the instrument failed.
@@ -35,12 +37,22 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
             f"On average the measured centre lies {abs(offset[0]):.1f} px {right} and {abs(offset[1]):.1f} px {down} "
             "the true one."
         )
+    if any(what.startswith("detection.centre") for what in failed) and trial.centres:
+        worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
+        yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)
     bias, rmse = (trial.metrics[f"angle.overall.{name}_deg"] for name in ("bias", "rmse"))
     if bias is None or rmse is None:
         return
+    off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95)) if trial.centres else 0.0
+    off_deg = math.degrees(math.atan(off_px / run.calibration.focal_length_px))
+    if centre_wrong := off_deg > rmse:
+        yield (
+            f"Correct the centre first: its error (95th percentile) is {off_px:.1f} px, which is {off_deg:.1f}° for "
+            f"the camera and thus more than the angle's RMSE of {rmse:.2f}°."
+        )
     spread, true_spread = (float(np.rad2deg(angle[both].std())) for angle in (run.alpha, true))
     if spread < true_spread / 10:
         yield (
@@ -54,17 +66,19 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
             f"{'large' if bias > 0 else 'small'}. Without it the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
         )
     budget = trial.evaluation.budget
-    if budget is None:
+    if budget is None or centre_wrong:
         return
-    fed = budget.chain[-1].rmse_deg  # estimated from the run's own centres and lengths
-    if fed is not None and budget.run.rmse_deg is not None and budget.run.rmse_deg > 2 * fed:
+    fed, own = budget.chain[-1].rmse_deg, budget.run.rmse_deg  # the former from the run's own centres and lengths
+    if fed is None or own is None:
+        return
+    if own > 2 * fed:
         read = any(m.rope_length_m is not None for m in run.measurements)
         inputs = "From the centres and rope lengths that this pipeline measured"
         yield (
             f"{inputs if read else 'From its centres and the true lengths'}, simgrab's estimator {budget.estimator} "
             f"computes angles with an RMSE of {fed:.2f}°: the error arises where this pipeline computes its angles."
         )
-    else:
-        yield f"Largest contribution in the error budget: {budget.limit}."
+    elif round(own, 2) >= round(fed, 2):  # else the budget is of errors that this pipeline avoids
+        yield f"Largest contribution in the error budget with simgrab's estimator {budget.estimator}: {budget.limit}."
         if compared:
             yield "That is of the whole error; what grew since the baseline may be another."

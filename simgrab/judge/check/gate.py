@@ -22,7 +22,7 @@ from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Suite, load
 from simgrab.judge.check.trial import Trial, trial
-from simgrab.judge.check.verdicts import Verdict, lax, of_trial
+from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial
 from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
@@ -91,6 +91,8 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
         return _unmade(suite, options, seed, problem)
     folder = options.baseline or Path(suite.baseline)
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
+    if shares := suite.shares_of_counts():
+        notes += (f"warning: limits between 0 and 1 on counts, which are no shares: {', '.join(shares)}",)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
@@ -188,6 +190,8 @@ def _scene(
     if blind := [v.what for v in verdicts if recorded and v.value is not None and v.reference is None]:
         why = "because the baseline has too few values"
         notes.append(f"{name}: compared with limits only, {why}: {', '.join(blind)}")
+    if left := leaves_out(found, verdicts):
+        notes.append(f"{name}: warning: {left}")
     if met := lax(verdicts, limits):
         passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
         notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")

@@ -36,6 +36,12 @@ _PARTS: dict[str, list[str]] = {
     "budget.drawn": _ERRORS, "budget.run": _ERRORS,
 }  # fmt: skip
 NAMES = frozenset(f"{part}.{name}" for part, names in _PARTS.items() for name in names)
+COUNTS = frozenset(
+    name
+    for kind in (values.FrameCounts, values.DetectionScore, values.Share, values.ReadingScore, values.Lengths,
+                 values.AngleErrors, values.Coverage, values.Alarms, values.Warnings)
+    for name, hint in get_type_hints(kind).items() if hint in (int, int | None)
+)  # fmt: skip
 _BY_WEATHER = "angle.by_weather."  # and a weather's name, which is the scene's affair
 
 

@@ -63,7 +63,7 @@ def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
         "causes": outcome.causes,
         "table": _table(outcome.verdicts),
         "trace": trace(trial.run, trial.known) if trial and trial.run and trial.known else None,
-        "worst": list(_worst(trial)) if trial else [],
+        "worst": list(_worst(trial, outcome.verdicts)) if trial else [],
         "budget": None if budget is None else chain(budget),
         "golden": [(file, _golden(picture)) for file, picture in outcome.pictures.items()],
     }
@@ -84,20 +84,30 @@ def _table(verdicts: Sequence[Verdict]) -> dict[str, Any]:
     }
 
 
-def _worst(trial: Trial) -> Iterator[tuple[bytes, str]]:
-    """Draw the frames of the largest errors, and the first labelled ones without an angle, with a caption each."""
+def _worst(trial: Trial, verdicts: Sequence[Verdict]) -> Iterator[tuple[bytes, str]]:
+    """Draw the frames of the largest errors, and the first labelled ones without an angle, with a caption each.
+
+    Errors are those of the angle, and of the centre if a limit on it failed.
+    """
     if trial.run is None or trial.known is None:
         return
     run, known = trial.run, trial.known
-    off = np.abs(run.alpha - known.alpha)
-    worst = np.argsort(-off)[: np.isfinite(off).sum()]  # NaN comes last
+    errors = np.abs(run.alpha - known.alpha)
+    worst = np.argsort(-errors)[: np.isfinite(errors).sum()]  # NaN comes last
     without = np.flatnonzero(~np.isfinite(run.alpha) & known.labelled)
-    apart = 1 if run.time is None else max(len(off) // 10, 1)  # frames that follow each other look the same
-    for i in (*_spread(worst.tolist(), apart, _WORST), *_spread(without.tolist(), apart, _WITHOUT)):
+    apart = 1 if run.time is None else max(len(errors) // 10, 1)  # frames that follow each other look the same
+    centres = {c.frame: c.off_px for c in trial.centres}
+    astray: list[int] = []
+    if any(v.status == "failed" and v.what.startswith("detection.centre") for v in verdicts):
+        off_px = {i: centres[row.frame] for i, row in enumerate(known.rows) if row and row.frame in centres}
+        astray = sorted(off_px, key=lambda i: -off_px[i])
+    chosen = [*_spread(worst.tolist(), apart, _WORST), *_spread(without.tolist(), apart, _WITHOUT)]
+    for i in dict.fromkeys([*_spread(astray, apart, _WORST), *chosen]):
         row, measured = known.rows[i], run.measurements[i]
         if row is not None:
-            picture = pictures.read(trial.dataset.image(row))[..., ::-1]
-            yield pictures.encode(_annotated(picture, row, measured), "jpeg", 80), _caption(row, measured)
+            picture, off = pictures.read(trial.dataset.image(row))[..., ::-1], centres.get(row.frame)
+            caption = _caption(row, measured) + ("" if off is None else f", centre {off:.1f} px off")
+            yield pictures.encode(_annotated(picture, row, measured), "jpeg", 80), caption
 
 
 def _spread(frames: Sequence[int], apart: int, most: int) -> list[int]:

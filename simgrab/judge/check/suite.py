@@ -16,7 +16,7 @@ from simgrab.io import resources
 from simgrab.io.parse import is_file, read_toml
 from simgrab.io.resources import SCENES
 from simgrab.io.strict import Checked, convert
-from simgrab.judge.check.metrics import unknown
+from simgrab.judge.check.metrics import COUNTS, unknown
 from simgrab.model import scenes
 from simgrab.model.rng import derive
 from simgrab.model.scenario import Scenario, vary
@@ -150,6 +150,16 @@ class Suite(Checked, frozen=True):
     def limits_of(self, name: str) -> dict[str, Limit]:
         """Limits of a scene by metric."""
         return self.limits | self.scenes[name].limits
+
+    def shares_of_counts(self) -> list[str]:
+        """List the limits on counts that only a share can have: those between 0 and 1."""
+        found = {
+            f"{metric} {limit}": None
+            for name in self.scenes
+            for metric, limit in self.limits_of(name).items()
+            if metric.rpartition(".")[2] in COUNTS and any(0 < end < 1 for end in (limit.lower, limit.upper) if end)
+        }
+        return list(found)
 
     def scenario(self, name: str, seed: int | None = None) -> Scenario:
         """Scenario of a scene, with the suite's seed or another.

@@ -52,6 +52,7 @@ def _table(report: Report) -> Table:
 def cells(verdict: Verdict) -> tuple[str, str, str, str, str]:
     """Write scene, metric, value, limit and baseline."""
     value = "" if verdict.value is None else f"{verdict.value:.4g}"
+    value += f" ({verdict.frames})" if verdict.frames else ""
     past = ""
     if verdict.reference is not None and verdict.allowed is not None:
         past = f"{verdict.reference:.4g} ({round(verdict.allowed, 8):.2g})"

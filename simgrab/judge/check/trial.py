@@ -5,27 +5,47 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from simgrab.dataset.datasets import Dataset
 from simgrab.errors import InstrumentError
 from simgrab.instrument.contract import Instrument
+from simgrab.instrument.detect.pictures import centre
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.run.runs import Run
 from simgrab.instrument.run.subject import one_line
 from simgrab.instrument.source import open_source
 from simgrab.judge.check.suite import Limit
 from simgrab.judge.evaluate import swings, truths
-from simgrab.judge.evaluate.evaluation import evaluate
+from simgrab.judge.evaluate.evaluation import cases, evaluate
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.judge.evaluate.values import Evaluation
 from simgrab.model import calibration
+from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 
 _ANSWERS = 101  # between the least and the largest true angle: the best is hardly better than the best of these
 Metrics = Mapping[str, float | None]
+
+
+class Centre(NamedTuple):
+    """Centre that was output for a labelled frame.
+
+    Attributes
+    ----------
+    frame : int
+    off_px : float
+        Its distance from the true one.
+    counted : bool
+        Whether figures on centres count it: its box, if any, is a true positive.
+    """
+
+    frame: int
+    off_px: float
+    counted: bool
 
 
 @dataclass(frozen=True)
@@ -49,6 +69,17 @@ class Trial:
     run: Run | None = None
     known: Truths | None = None
     evaluation: Evaluation | None = None
+
+    @cached_property
+    def centres(self) -> list[Centre]:
+        """Centres, or centres of boxes, of the labelled frames."""
+        if self.run is None or self.known is None:
+            return []
+        return [
+            Centre(c.truth.frame, float(np.linalg.norm(centre(c.detection) - labels.centre(c.truth))), c.hits)
+            for c in cases(self.run, self.known)
+            if c.labelled and c.detection.found and c.truth.grab_u_px is not None
+        ]
 
 
 def trial(dataset: Dataset, instrument: Instrument) -> Trial:

@@ -11,9 +11,12 @@ from simgrab.judge.check import baseline as base
 from simgrab.judge.check.baseline import Baseline, Reference
 from simgrab.judge.check.metrics import unknown
 from simgrab.judge.check.suite import Limit
-from simgrab.judge.check.trial import Metrics, Trial, naive
+from simgrab.judge.check.trial import Trial, naive
+from simgrab.judge.evaluate.detection import HALF
 
 Status = Literal["passed", "failed", "skipped"]
+_OF_CENTRES = ("detection.centre.", "detection.coverage.")
+_LISTED = 10  # frames at most
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -29,6 +32,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
         ``"passed"``, ``"failed"``, or ``"skipped"`` where there was nothing to compare with.
     value : float or None
         Value of the metric.
+    frames : str
+        Of which frames the value is, where it leaves out some for which a centre was output.
     limit : str
         Text of the limit.
     reference, allowed : float or None
@@ -43,6 +48,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     what: str
     status: Status
     value: float | None = None
+    frames: str = ""
     limit: str = ""
     reference: float | None = None
     allowed: float | None = None
@@ -74,7 +80,7 @@ def of_trial(
     for metric, limit in limits.items():
         past = base.reference(recorded.scenes[scene], metric, limit, labels, comparisons) if recorded else None
         constant, last_value = naive_metrics.get(metric, (None, None))
-        verdict = _of_metric(scene, metric, trial.metrics, limit, past)
+        verdict = _of_metric(scene, metric, trial, limit, past)
         result.append(msgspec.structs.replace(verdict, constant=constant, last_value=last_value))
     return result
 
@@ -89,11 +95,29 @@ def lax(verdicts: Sequence[Verdict], limits: Mapping[str, Limit]) -> list[Verdic
     return met if len(met) == len(angle) else [v for v in met if not v.what.endswith(".bias_deg")]
 
 
-def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Reference | None) -> Verdict:
-    value = metrics.get(metric)
+def leaves_out(trial: Trial, verdicts: Sequence[Verdict]) -> str:
+    """State which centres the figures leave out, if a verdict is on such a figure; else empty."""
+    out = [c for c in trial.centres if not c.counted]
+    if not out or not any(verdict.frames for verdict in verdicts):
+        return ""
+    listed = ", ".join(str(c.frame) for c in out[:_LISTED]) + ", …" * (len(out) > _LISTED)
+    most = max(c.off_px for c in out)
+    return (
+        f"detection.centre leaves out {len(out)} of {len(trial.centres)} centres, up to {most:.0f} px off, whose box "
+        f"overlaps the true one too little (IoU below {HALF}): frames {listed}"
+    )
+
+
+def _frames(metric: str, trial: Trial) -> str:
+    counted, all = sum(c.counted for c in trial.centres), len(trial.centres)
+    return f"{counted} of {all} frames" if metric.startswith(_OF_CENTRES) and 0 < counted < all else ""
+
+
+def _of_metric(scene: str, metric: str, trial: Trial, limit: Limit, past: Reference | None) -> Verdict:
+    value = trial.metrics.get(metric)
     problems = []
     if value is None:
-        problems.append(_nothing(metric, metrics))
+        problems.append(_nothing(metric, trial))
     else:
         if not limit.holds(value):
             problems.append(f"{value:.4g} misses the limit {limit}")
@@ -104,11 +128,18 @@ def _of_metric(scene: str, metric: str, metrics: Metrics, limit: Limit, past: Re
     return Verdict(
         scene=scene, what=metric, status="failed" if problems else "passed", value=value, limit=str(limit),
         reference=past.value if past else None, allowed=past.allowed if past else None, message="; ".join(problems),
+        frames=_frames(metric, trial),
     )  # fmt: skip
 
 
-def _nothing(metric: str, metrics: Metrics) -> str:
+def _nothing(metric: str, trial: Trial) -> str:
     """Return why there is no value."""
+    metrics = trial.metrics
+    if metric.startswith(_OF_CENTRES) and trial.centres and not any(c.counted for c in trial.centres):
+        return (
+            f"no value: the figure is of frames whose box overlaps the true one (IoU of at least {HALF}), and none of "
+            f"{len(trial.centres)} does"
+        )
     if metric.startswith(("angle.", "interval.")) and metrics.get("frames.ok") == 0:
         return "no value: no frame has an angle"
     if metric.startswith("alarm.") and metrics.get("alarm", 0) is None and not unknown(metric):

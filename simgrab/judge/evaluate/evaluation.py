@@ -81,13 +81,17 @@ def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
         return None
     if not (boxes or centres) and any(m.status == "ok" for m in run.measurements):
         return None
-    some = [
+    found = detection.figures(cases(run, known)) | {"jitter_px": jitter(run, known)}
+    return found | dict.fromkeys(_OF_BOXES) if centres and not boxes else found
+
+
+def cases(run: Run, known: Truths) -> list[Case]:
+    """Join the frames of known truth with what was found in them."""
+    return [
         Case(row, bool(labelled), weather, _detection(m))
         for row, labelled, weather, m in zip(known.rows, known.labelled, known.weather, run.measurements, strict=True)
         if row is not None
     ]
-    found = detection.figures(some) | {"jitter_px": jitter(run, known)}
-    return found | dict.fromkeys(_OF_BOXES) if centres and not boxes else found
 
 
 UNREAD = "???? ????"
