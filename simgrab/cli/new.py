@@ -86,7 +86,8 @@ def command(file: Path, yes: bool, **given: str | None) -> None:
     text = _scene(answers, file)
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
-        size = _size_of_model(scenes.load(draft).grab) if 'model = "mesh"' in text else []
+        scene = scenes.load(draft)
+        size = _size_of_model(scene.grab) if 'model = "mesh"' in text else []
     for line in (
         *(f"assumed: {line}" for line in answers.assumed),
         *(f"grab.file: {line}" for line in size),
@@ -230,6 +231,7 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
         paint = f"\npaint_rgb = {PAINTS[colour]} # {colour}"
     if grab in GRABS[1:]:
         (volume,) = answers.get("volume", _numbers(3, 20))
+        answers.assumed.append("grab: moved by ropes; drive and other keys in [grab] set it (docs/grabs.md)")
         return f'model = "{grab}"\nvolume_m3 = {volume:g}{paint}', volume
     if "volume" in answers:
         raise _refusal("volume", f"{grab} has a size of its own; leave it out, or give --grab {' or '.join(GRABS[1:])}")
@@ -298,8 +300,15 @@ def _scene(answers: _Answers, file: Path) -> str:
     if long > head - 3:
         if cycles:
             raise _refusal("ropes", f"cycles dig on the quay, at most {head - 3:g} m below the jib head; got {long:g}")
-        answers.assumed.append(f"place: an empty hold, because {long:g} m of rope reach below the quay")
+        answers.assumed.append(f"place: an empty hold, because a grab on {long:g} m of rope reaches below the quay")
         swing += '\n\n[place]\nmodel = "hold"\ndepth_m = 18.0\nfill = 0.0'
+    else:
+        answers.assumed.append("place: a quay with coal; model and cargo in [place] set it")
+    if not cycles:
+        answers.assumed.append(
+            "every frame shows the grab; absent in [swing] leaves it out, and the mount has no effect"
+        )
+    answers.assumed.append("no noise of the sensor; optics.sensor sets it")
     inf = math.inf
     facts = {
         "camera.focal.focal_length_px": (f_px, 0.01 * f_px, 100, inf),

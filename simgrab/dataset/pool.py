@@ -185,7 +185,7 @@ def refuse_unseen(frames: int, seen: int) -> None:
     if not seen:
         raise ScenarioError(
             "camera",
-            f"the grab is outside the image in all {frames} frames; "
+            f"the grab is outside the image, or absent, in all {frames} frames; lower swing.absent if it is 1, "
             "lower the tilt (camera.beta_deg) or the focal length, or set offset and azimuth so that it is in view",
         )
 
