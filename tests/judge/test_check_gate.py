@@ -352,7 +352,7 @@ def outputs(**fields):
 
 
 ACTS = {
-    "raises": (raises, "it took no frame"),
+    "raises": (raises, "ZeroDivisionError: division by zero"),
     "raises in frame 9": (raises_in_frame_9, "the last frame it took is 9"),
     "quits": (quits, "SystemExit: no licence"),
     "gives nothing": (lambda _: None, "TypeError"),
