@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +25,8 @@ from simgrab.model.records.estimates import Estimate
 Meta = msgspec.Meta
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
 LEVEL = 0.95
+FAR = 2.0  # standard deviations
+LEAST_OFFSET_SD_M = 0.01  # of a tape measure
 
 
 class Known(Checked, frozen=True):
@@ -156,3 +159,17 @@ def follow(
     seen = np.isfinite(uv[0]).all(axis=-1)
     some = seen[:, None]
     return np.where(seen, alpha[0], np.nan), np.where(some, ends, np.nan), np.where(some, across[0].T, np.nan)
+
+
+def far_offset(found: Sequence[float] | None, calibration: Calibration) -> str:
+    """Name an estimated offset, m, that is far from the stated one; empty if it is not, or was not estimated."""
+    if found is None:
+        return ""
+    off = max(abs(one - stated) for one, stated in zip(found, calibration.offset_m, strict=True))
+    far = off / max(calibration.offset_sd_m, LEAST_OFFSET_SD_M)
+    if far <= FAR:
+        return ""
+    return (
+        f"the camera offset is estimated as ({', '.join(f'{one:.2f}' for one in found)}) m, {far:.1f} standard "
+        "deviations from offset_m; are its axes and signs right, and the rope's length?"
+    )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from simgrab.errors import RecordError, first_line
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, PendulumSmoother
+from simgrab.instrument.estimate.follow import far_offset
 from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.estimate.tables import PixelRecord, read_record
 from simgrab.model import calibration as camera_file
@@ -130,7 +131,8 @@ def measure(
         )
     found = kind.estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
-    return EstimatedRecord(record, calibration, found, warnings)
+    far = "" if found.offset is None else far_offset(found.offset.tolist(), calibration)
+    return EstimatedRecord(record, calibration, found, (*warnings, *([far] if far else [])))
 
 
 def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:

@@ -11,14 +11,12 @@ import numpy as np
 
 from simgrab.instrument.angles import by_estimate, calibrate
 from simgrab.instrument.contract import Instrument, Measurement
-from simgrab.instrument.estimate.follow import Known
+from simgrab.instrument.estimate.follow import Known, far_offset
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
 ROPE_M = 20.0  # of an example
-FAR = 2.0  # standard deviations
-LEAST_OFFSET_SD_M = 0.01  # of a tape measure
 LEAST_BOXES = 40
 MOST_ERROR = 0.08  # of the longest rope, where the shortest is far shorter
 _TEXTS = {
@@ -59,22 +57,9 @@ def assumptions(
         outside.append("lean of the camera as the crane moves")
     if outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
+    far = "" if tilt is None else far_offset(tilt.offset_m, camera)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
-            "beyond": "; ".join(filter(None, [_of_offset(camera, tilt), _of_size(camera, measured)]))}  # fmt: skip
-
-
-def _of_offset(camera: Calibration, tilt: Known | None) -> str:
-    """Name an estimated offset that is far from the stated one."""
-    if tilt is None or tilt.offset_m is None:
-        return ""
-    off = max(abs(one - stated) for one, stated in zip(tilt.offset_m, camera.offset_m, strict=True))
-    far = off / max(camera.offset_sd_m, LEAST_OFFSET_SD_M)
-    if far <= FAR:
-        return ""
-    return (
-        f"the camera offset is estimated as ({', '.join(f'{one:.2f}' for one in tilt.offset_m)}) m, {far:.1f} standard "
-        "deviations from offset_m; are its axes and signs right, and the rope's length?"
-    )
+            "beyond": "; ".join(filter(None, [far, _of_size(camera, measured)]))}  # fmt: skip
 
 
 def _of_size(camera: Calibration, measured: Sequence[Measurement]) -> str:
