@@ -125,7 +125,8 @@ class Pipeline:
         Raises
         ------
         RunError
-            If the estimator needs the rope's length, and neither a display nor the controller states it.
+            If the estimator needs the rope's length, and neither a display nor the controller states it, or the whole
+            record of a live run.
         """
         known = calibration.digit_layout is not None and self.reader is not None
         known = known or (self.controller is not None and self.controller.rope is not None)
@@ -140,6 +141,8 @@ class Pipeline:
                 f"{self.estimator.name} needs the rope's length, but the camera file states no display "
                 f"(digit_layout), and there is none of the controller; {WITHOUT} needs no rope length"
             )
+        if live and self.estimator.needs_time and not self.estimator.needs_imu:
+            raise RunError(f"{self.estimator.name} needs the whole record; name another estimator for a live run")
         return self.estimator
 
     def check_inputs(self, sensors: Collection[str], *, display: bool) -> None:
@@ -237,8 +240,6 @@ class Pipeline:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""
         estimator = self.chosen(calibration, live=True)
         tracker = _tracker(estimator, calibration)
-        if estimator.needs_time and tracker is None:
-            raise RunError(f"{estimator.name} needs the whole record; name another estimator for a live run")
         observations: list[Observation] = []
         lengths: list[float] = []
         tilt, estimated, start, due = self.tilt, self.tilt is None and tracker is None, math.nan, WARM_UP_S

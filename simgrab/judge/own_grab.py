@@ -272,12 +272,9 @@ def _within(n: int) -> Array:
 
 def _doubts_of_size(size: Array) -> list[str]:
     low, high = USUAL_SIDES_M
-    usual = low <= size.max() <= high
-    return (
-        []
-        if usual
-        else [f"The longest side is {size.max():.2f} m; grabs have {low} to {high} m: check scale (mm: 0.001)."]
-    )
+    if low <= size.max() <= high:
+        return []
+    return [f"The longest side is {size.max():.2f} m; grabs have {low} to {high} m: check scale (mm: 0.001)."]
 
 
 def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:

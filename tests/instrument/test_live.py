@@ -59,7 +59,7 @@ def test_memory_is_bounded(crane, monkeypatch):
     assert max(lengths[1:]) == 15 * 9 + 1
 
 
-def test_a_knock_is_found_and_the_tilt_estimated_anew(crane):
+def test_a_knock_is_found_and_the_tilt_estimated_again(crane):
     seen = crane.observations(1.0)
     tilt = made().conclude(seen, crane.calibration).tilt
     found = lives(moved(seen, range(AT, len(seen))), crane.calibration, tilt=tilt)
@@ -116,7 +116,7 @@ def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
         if not 300 < i < 420:
             text = rest + f"{now + clock:.2f},{20 + now / 10:.3f},{now:.2f}\n"
             text, rest = (text[:4], text[4:]) if i == 100 else (text, "")  # a line may come in two parts
-            with path.open("w" if i == 500 else "a") as file:  # and the file may be begun anew
+            with path.open("w" if i == 500 else "a") as file:  # and the file may start again
                 file.write("t,rope,slew\n" * (i == 500) + text)
         reported = feed.poll(now, now + 3.0 * (i % 7 == 3))  # some frames come late
         watch.controller(now, reported, feed)

@@ -109,8 +109,8 @@ def leaves_out(trial: Trial, verdicts: Sequence[Verdict]) -> str:
 
 
 def _frames(metric: str, trial: Trial) -> str:
-    counted, all = sum(c.counted for c in trial.centres), len(trial.centres)
-    return f"{counted} of {all} frames" if metric.startswith(_OF_CENTRES) and 0 < counted < all else ""
+    counted, total = sum(c.counted for c in trial.centres), len(trial.centres)
+    return f"{counted} of {total} frames" if metric.startswith(_OF_CENTRES) and 0 < counted < total else ""
 
 
 def _of_metric(scene: str, metric: str, trial: Trial, limit: Limit, past: Reference | None) -> Verdict:
