@@ -37,16 +37,14 @@ class JibMotion:
     course : ndarray, shape (m, 6)
         Heading, rad; radius minus its mean, m; velocity of O, m/s (2); lean of the camera that a sensor reports, rad
         (2, jib frame).
-    drift : float
-        Noise that drives errors of the direction of sight, rad/√s per axis.
-    memory_s : float
-        Time after which such an error is forgotten: inf for that of the sensor's lean, which is a random walk.
+    drifts : tuple of tuples of 2 floats
+        Of each kind of error of the direction of sight the noise that drives it, rad/√s per axis, and the time after
+        which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first.
     """
 
     time: Array
     course: Array
-    drift: float = 0.0
-    memory_s: float = np.inf
+    drifts: tuple[tuple[float, float], ...] = ()
 
     @classmethod
     def at_rest(cls) -> JibMotion:
@@ -73,18 +71,22 @@ class JibMotion:
     @property
     def sensed(self) -> bool:
         """Whether a sensor reports the camera's lean."""
-        return self.drift > 0 and self.memory_s == np.inf
+        return any(memory_s == np.inf for _, memory_s in self.drifts)
 
     def wandering(self, sd: float, memory_s: float) -> JibMotion:
-        """Return a copy with an error of the direction of sight of this standard deviation, rad per axis."""
-        return replace(self, drift=sd * np.sqrt(2 / memory_s), memory_s=memory_s)
+        """Return a copy with a further error of the direction of sight of this standard deviation, rad per axis."""
+        return replace(self, drifts=(*self.drifts, (sd * np.sqrt(2 / memory_s), memory_s)))
 
-    def drifted(self, step: Array) -> tuple[float, Array]:
-        """Variance per axis, rad², of this error at first, and what it gains in steps (k,) of so many seconds."""
-        if self.sensed:
-            return LEVEL_SD**2, self.drift**2 * step
-        variance = self.drift**2 * self.memory_s / 2
-        return variance, -variance * np.expm1(-2 * step / self.memory_s)
+    def drifted(self, step: Array) -> tuple[Array, Array]:
+        """Variances per axis (m,), rad², of these errors at first, and what they gain in steps (k,) of so many seconds.
+
+        The latter have shape (k, m).
+        """
+        noise, memory_s = np.array(self.drifts).T
+        walks = np.isinf(memory_s)
+        variance = np.where(walks, 1.0, noise**2 * np.where(walks, 1.0, memory_s) / 2)
+        gained = np.where(walks, noise**2 * step[:, None], -variance * np.expm1(-2 * step[:, None] / memory_s))
+        return np.where(walks, LEVEL_SD**2, variance), gained
 
     @property
     def moves(self) -> bool:

@@ -10,7 +10,7 @@ would come to rest. Its correlation decays exponentially.
 does not turn with the jib. `JibMotion` gives the jib's heading in it, the acceleration of O, and how the camera leans;
 all are 0 where neither a controller nor an inertial sensor reports them. An inertial sensor's lean is wrong by the tilt
 and by a drift, which are two more numbers of the state. A detector's errors that last for seconds look the same,
-and take the same place.
+and are two more again.
 
 The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab
 leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is the lean of OA.
@@ -18,7 +18,7 @@ leans less than its ropes do, as on four ropes. Forces and gravity act on the le
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ LONGER, WIND, CLOCK, FOLLOWS, FREQUENCY, LEVELLING, LUFFING = 7, slice(8, 10), 1
 # and misalignment, by which a change of lean is measured wrongly.
 REACH, SCALE = 15, slice(16, 20)
 PARAMETERS = 20
-STATE = 6  # numbers of a state; 8 where errors of the direction of sight drift (rad, jib frame)
+STATE = 6  # numbers of a state, and two for each kind of drifting error of the direction of sight (rad, jib frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +59,15 @@ class Links:
         Rope length at both ends, m.
     length : float
         The fixed length that scales p, m.
-    memory_s : float
-        Correlation time of states beyond the sixth.
+    memory_s : ndarray, shape (d − 6,)
+        Correlation times of states beyond the sixth.
     """
 
     step: Array
     before: Array
     after: Array
     length: float
-    memory_s: float = np.inf
+    memory_s: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def fast(self) -> Array:
@@ -223,6 +223,11 @@ def camera(parameters: Array, time: Array, jib: JibMotion, drift: Array | float 
     return turn, level_from_jib @ parameters[OFFSET]
 
 
+def drifted(x: Array) -> Array:
+    """Error (..., 2) of the direction of sight in states (..., d): the sum of its kinds, jib frame, rad."""
+    return np.stack([x[..., STATE::2].sum(axis=-1), x[..., STATE + 1 :: 2].sum(axis=-1)], axis=-1)
+
+
 def derivatives_of_advance(
     x: Array, parameters: Array, links: Links, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
@@ -243,16 +248,16 @@ def derivatives_of_place(
     x: Array, parameters: Array, rope: Array, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
     """Places (k, 2), and their derivatives by the state (k, 2, d) and the parameters (k, 2, 20)."""
-    turn, offset = camera(parameters, time, jib, x[:, 6:] if jib.drift else 0.0)
+    turn, offset = camera(parameters, time, jib, drifted(x))
 
     def seen(e: Array, drift: Array | float = 0.0) -> Array:
-        changed, at = camera(parameters + e, time, jib, x[:, 6:] + drift if jib.drift else 0.0)
+        changed, at = camera(parameters + e, time, jib, drifted(x) + drift)
         return seen_from(changed, x[:, :2], rope, at)
 
     size, still = x.shape[-1], np.zeros(PARAMETERS)
     by_state = jacobian(lambda e: seen_from(turn, (x + e)[:, :2], rope, offset), size, (0, 1))
-    if jib.drift:
-        by_state += jacobian(lambda e: seen(still, e[6:]), size, (6, 7))
+    if jib.drifts:
+        by_state[..., STATE:] = np.tile(jacobian(lambda e: seen(still, e), 2), len(jib.drifts))
     of_jib = (CLOCK, *range(SCALE.start, SCALE.stop)) if jib.sensed else range(CLOCK, REACH) if jib.moves else ()
     by_parameter = jacobian(seen, PARAMETERS, (*range(OFFSET.stop), *of_jib))
     return seen_from(turn, x[:, :2], rope, offset), by_state, by_parameter

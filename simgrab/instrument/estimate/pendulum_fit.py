@@ -164,7 +164,7 @@ def _linearised(
     """
     k, d = path.shape
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
-    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), priors.jib.memory_s)
+    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), np.repeat([m for _, m in priors.jib.drifts], 2))
     joined = ~nodes.first[1:]
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
     ahead = np.broadcast_to(np.eye(d), (k - 1, d, d))
@@ -190,10 +190,10 @@ def _linearised(
         steady[WIND] = STEADY**-2.0
     slow += prior(path, starts * loose, parameters, steady)
     fixed = prior(path, starts * first, parameters - priors.mean, np.asarray(priors.sd**-2.0))
-    if priors.jib.drift:
+    if priors.jib.drifts:
         held, (begun, added) = np.zeros((k, d)), priors.jib.drifted(np.diff(nodes.time))
-        held[0, 6:] = 1 / begun
-        walk = of_axes(1 / added[:, None, None], 6, d)
+        held[0, STATE:] = np.repeat(1 / begun, 2)
+        walk = of_axes(np.eye(len(begun)) / added[:, None], STATE, d)
         fixed += linear(-by_state, -by_parameter, residual, walk, ahead) + prior(
             path, held, parameters, np.zeros_like(parameters)
         )

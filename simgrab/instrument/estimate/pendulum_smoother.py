@@ -104,7 +104,7 @@ class PendulumSmoother(PathEstimator):
         accelerometer the acceleration of O, in place of the controller; β is the camera's mean tilt.
     wander_px : float
         Standard deviation per coordinate of errors of the pixel that last for some seconds, beside those that change
-        from frame to frame. `simgrab run` takes it from the detector. Not with ``imu``.
+        from frame to frame. `simgrab run` takes it from the detector.
     longer_m, longer_sd_m : float
         With a controller or a sensor, prior of the length of the equivalent simple pendulum minus \|OA\|.
 
@@ -176,7 +176,7 @@ class PendulumSmoother(PathEstimator):
             mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = FOLLOWING
             sd[LUFFING], sd[CLOCK] = PITCH_SD, max(self.controller.clock_sd_s, LEAST_CLOCK_SD_S)
             sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
-        if imu is None and self.wander_px > 0:
+        if self.wander_px > 0:
             jib = jib.wandering(self.wander_px / focal_px, WANDER_S)
         start = mean.copy()
         if imu is None:
@@ -200,7 +200,7 @@ class PendulumSmoother(PathEstimator):
         strengths = np.log([1e-3, 3 / priors.focal_px, 1e-3])
         every = int(THIN_S / np.median(np.diff(frames.time)))
         nodes = Nodes.of(frames, slice(None), CUT_S)
-        size = STATE + 2 * (priors.jib.drift > 0)
+        size = STATE + 2 * len(priors.jib.drifts)
         if len(swing) > THIN_FRAMES and every > 1:
             some = slice(None, None, every)
             thin = Nodes.of(frames, some, CUT_S)

@@ -16,7 +16,7 @@ from simgrab.instrument.estimate.chain import state_covariances
 from simgrab.instrument.estimate.frames import groups
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.estimate.inertial.sensed import Sensed, sensed, unfit
-from simgrab.instrument.estimate.pendulum import CLOCK, SCALE, TILT, camera, looked_along, of_tilt
+from simgrab.instrument.estimate.pendulum import CLOCK, SCALE, STATE, TILT, camera, looked_along, of_tilt
 from simgrab.instrument.estimate.pendulum_smoother import PendulumSmoother
 from simgrab.instrument.estimate.strengths import NOISE
 from simgrab.model.calibration import Calibration
@@ -28,6 +28,7 @@ LOST_S, LEAST_AGREE = 20.0, 0.1  # share of the pixels that moves as a grab can;
 MOST_FORCE = 20.0  # m/s², that ropes and cargo give a grab
 PAUSE_S = 60.0  # between frames, after which a run starts again
 LEAN_SD = 1.5e-3  # rad, chosen, of what the sensor reports of the camera's lean since the last fit
+LEAN = slice(STATE, STATE + 2)  # of a state: the error of the sensor's lean
 NOTHING = np.nan, (np.nan, np.nan)
 Kept = tuple[float, tuple[float, float], float]
 
@@ -169,13 +170,13 @@ class InertialTracker:
         fit = solved.fit
         parameters, size = fit.parameters.copy(), fit.path.shape[1]
         parameters[CLOCK] = 0.0
-        last = state_covariances(fit.minimum, size)[-1, 6:, 6:]
-        gain = fit.minimum.gain.reshape(-1, size, len(parameters))[-1, 6:]
+        last = state_covariances(fit.minimum, size)[-1, LEAN, LEAN]
+        gain = fit.minimum.gain.reshape(-1, size, len(parameters))[-1, LEAN]
         both, some = fit.minimum.covariance, np.r_[TILT, SCALE]
         crossed = -gain @ both[:, some]
         covariance = np.block([[both[np.ix_(some, some)], crossed.T], [crossed, last]])
         return solved.sensed, _Tilt(
-            parameters, fit.path[-1, 6:], covariance, float(np.exp(fit.strengths[NOISE])), *time[[0, -1]].tolist()
+            parameters, fit.path[-1, LEAN], covariance, float(np.exp(fit.strengths[NOISE])), *time[[0, -1]].tolist()
         )
 
     def _swing(self, time: float, pixel: tuple[float, float], rope: float) -> tuple[float, tuple[float, float]]:
@@ -190,7 +191,7 @@ class InertialTracker:
         sine = float(np.hypot(*self.direction))
         self._compare(time, rope * self.direction, rope * tilt.noise)
         by = np.hstack([of_tilt(motion.motion.at(np.array([time]))[0, 4:])[:, np.r_[TILT, SCALE]], np.eye(2)])
-        since = max(time - tilt.last, 0.0) * motion.motion.drift**2
+        since = max(time - tilt.last, 0.0) * motion.motion.drifts[0][0] ** 2
         own = np.eye(2) * (tilt.noise**2 + LEAN_SD**2 + since)
         along, across = iv.split(by @ tilt.covariance @ by.T + own, self.direction)
         along = along + (sine * self.calibration.offset_sd_m / rope) ** 2

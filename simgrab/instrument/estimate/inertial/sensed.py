@@ -94,7 +94,7 @@ class Sensed:
         attitude = self.attitude @ summed.turn[0] @ rotation(-wrong)
         heading, leans = course_of(np.stack([self.attitude, attitude]))
         course = np.column_stack([heading, np.zeros((2, 3)), leans])
-        motion = JibMotion(nodes, course, self.motion.drift)
+        motion = JibMotion(nodes, course, self.motion.drifts)
         return Sensed(motion, self.variance[[-1, -1]], attitude, self.bias, self.response)
 
 
@@ -122,7 +122,7 @@ def sensed(imu: ImuReadings, calibration: Calibration) -> Sensed:
     arm = rotation_z(heading)[:, :2, :2] @ calibration.offset_m[:2]
     of_arm = np.gradient(heading, time)[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=-1)
     course = np.column_stack([heading, np.zeros_like(heading), state[:, VELOCITY] - of_arm, leans])
-    return Sensed(JibMotion(time, course, drift), variance, attitude[-1], state[-1, GYROSCOPE], response)
+    return Sensed(JibMotion(time, course, ((drift, np.inf),)), variance, attitude[-1], state[-1, GYROSCOPE], response)
 
 
 def _smoothed(

@@ -1,0 +1,202 @@
+"""Print errors of α and their coverage by mount, weather, length of the record and input, without pictures.
+
+    python -m scripts.estimator_study [--mount levelled] [--weather fog] [--seconds 60] [--input controller] [--clips 6] …
+
+The crane works. The estimator gets the true grab centre with the detector's errors in that weather, the rope length in
+centimetres, and an offset with an error of 5 cm per coordinate. Each clip of ten minutes is cut into records; `--share`
+limits how many of them are used. Coverage has a bootstrap interval over clips.
+"""
+
+from __future__ import annotations
+
+import itertools
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from functools import lru_cache, partial
+from typing import Any
+
+import click
+import msgspec
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
+
+import simgrab
+from simgrab.dataset.tables import calibration_of
+from simgrab.instrument.controller import Controller
+from simgrab.instrument.estimate import Estimator, PendulumSmoother, RopeAware
+from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.estimate.pendulum_smoother import WANDER_S
+from simgrab.instrument.pipeline import INTERVALS
+from simgrab.lab.bench.season import WIND_M_S
+from simgrab.model import scenes
+from simgrab.model.geometry import Array, to_camera
+from simgrab.model.records.estimates import Estimate
+from simgrab.model.rng import stream
+from simgrab.world.trajectory.trajectory import Trajectory
+
+MOUNTS = ("levelled", "rigid", "fixed")
+# Errors of the detector's centre at 1920 px: of each frame, and such as last for seconds, px per coordinate; the share
+# of frames in which it finds no grab.
+ERRORS: dict[str, tuple[float, float, float]] = {
+    "calm-day": (1.3, 2.0, 0.0), "windy-day": (1.3, 2.0, 0.0), "night-light-snow": (1.3, 2.0, 0.0),
+    "heavy-snow": (1.3, 2.0, 0.0), "rain": (1.3, 2.0, 0.0), "fog": (1.3, 2.0, 0.0), "dust": (1.3, 2.0, 0.0),
+    "glare": (1.3, 2.0, 0.0),
+}  # fmt: skip
+INPUTS = ("rope-aware", "smoother", "controller", "imu")
+CALM_M_S = 4.0  # of the other weathers
+CLIP_S, RATE_HZ = 600.0, 9.0
+LENGTHS_S = (20.0, 60.0, 300.0, 600.0)
+MINUTE_S = 60.0
+OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 1.0
+RESAMPLES = 1000
+Cell = tuple[str, str, float, str]
+Reading = dict[str, float]
+
+
+@lru_cache(maxsize=1)
+def _clip(mount: str, wind: float, clip: int) -> tuple[Any, ...]:
+    """Simulate a clip: calibration, times (n,), jib (n, 2), α (n,), rope (n,), pixels (n, 2), inertial readings."""
+    frames = int(CLIP_S * RATE_HZ)
+    scenario = scenes.load("work-cycles", {
+        "frames": frames, "clip.clip_frames": frames, "seed": 100 + clip, "camera.mount": {"model": mount},
+        "swing.wind": {"mean_m_s": wind}, "sensors.imu0": {"model": "imu", "mount": "camera", "noise": "mems"},
+    })  # fmt: skip
+    story, known = Trajectory(scenario), calibration_of(scenario)
+    moments = [story.at(frame) for frame in range(frames)]
+    centre = np.array([m.grab.jib_from_grab.translation for m in moments])
+    turn = np.array([m.tilt.jib_from_camera for m in moments])
+    pixels = known.intrinsics.project(to_camera(centre, turn, np.array(known.offset_m)))
+    return (
+        scenario, known, np.array([m.time for m in moments]),
+        np.array([(m.jib.slew, m.jib.radius) for m in moments if m.jib]), np.array([m.grab.alpha for m in moments]),
+        np.array([m.grab.rope_length for m in moments]), pixels,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def _imu(mount: str, wind: float, clip: int) -> ImuReadings:
+    scenario = _clip(mount, wind, clip)[0]
+    found, stated = simgrab.sensors(scenario)["imu0"], scenario.sensors["imu0"].errors
+    return ImuReadings(
+        found.stamp_ns / 1e9, found.values[:, :3], found.values[:, 3:], np.eye(3), stated.gyroscope_noise_density,
+        stated.gyroscope_random_walk, stated.accelerometer_noise_density, stated.accelerometer_random_walk,
+    )  # fmt: skip
+
+
+def _wandering(time: Array, rng: np.random.Generator) -> Array:
+    """Draw errors (n, 2) of unit variance that are alike for `WANDER_S`."""
+    stay = float(np.exp(-np.diff(time).mean() / WANDER_S))
+    draws = rng.normal(0, np.sqrt(1 - stay**2), (len(time), 2))
+    draws[0] /= np.sqrt(1 - stay**2)
+    return lfilter([1.0], [1.0, -stay], draws, axis=0)
+
+
+def _readings(time: Array, jib: Array, rng: np.random.Generator, reading: Reading) -> Controller:
+    """Read the jib's slew angle and radius (n, 2) at times (n,) as a controller does."""
+    at, steps = np.arange(time[0], time[-1], 1 / reading["rate_hz"]), np.radians(reading["slew_deg"])
+    steps = np.array([steps, reading["radius_m"]])
+    values = np.round(CubicSpline(time, jib)(at) / steps) * steps
+    values[rng.random(len(at)) < reading["dropout"]] = np.nan
+    values[at % MINUTE_S > MINUTE_S - reading["gap_s"]] = np.nan
+    slew_sd, radius_sd = (steps / np.sqrt(12)).tolist()
+    return Controller(at + reading["lag_s"], values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0, CLOCK_SD_S)
+
+
+def records(cell: Cell, clip: int, most: int, reading: Reading) -> list[tuple[float, ...]]:
+    """Estimate some records of a clip: squared error of α (deg²), coverage and width (deg) of each; NaN if refused."""
+    mount, weather, seconds, given = cell
+    wind, (noise, wander, lost) = WIND_M_S.get(weather, CALM_M_S), ERRORS[weather]
+    _, known, time, jib, alpha, rope, exact = _clip(mount, wind, clip)
+    size, found = int(seconds * RATE_HZ), []
+    for part in range(min(most, len(time) // size)):
+        rng, some = stream(0, clip, f"{mount} {weather} {seconds:g} {part}"), slice(part * size, (part + 1) * size)
+        t = time[some]
+        pixels = exact[some] + rng.normal(0, noise, (size, 2)) + wander * _wandering(t, rng)
+        pixels[rng.random(size) < lost] = np.nan
+        x, y, z = (np.array(known.offset_m) + rng.normal(0, OFFSET_SD_M, 3)).tolist()
+        camera = msgspec.structs.replace(known, offset_m=(x, y, z), offset_sd_m=OFFSET_SD_M)
+        sd = np.full(size, np.hypot(noise, wander))
+        estimator: Estimator = RopeAware(intervals=INTERVALS)
+        if given != "rope-aware":
+            controller = _readings(t, jib[some], rng, reading) if given == "controller" else None
+            imu = _imu(mount, wind, clip) if given == "imu" else None
+            estimator = PendulumSmoother(
+                controller=controller, imu=imu, wander_px=wander, intervals=INTERVALS
+            )
+        length = np.round(rope[some] / ROPE_STEP_M) * ROPE_STEP_M
+        estimate = estimator.estimate(pixels, camera, rope_length=length, time=t, pixel_sd=sd)
+        if not estimate.ok:
+            found.append((np.nan, np.nan, np.nan))
+            continue
+        seen = np.isfinite(estimate.alpha)
+        low, high = _ends(estimate).T
+        error = np.degrees(estimate.alpha - alpha[some])[seen]
+        inside = ((low <= alpha[some]) & (alpha[some] <= high))[seen]
+        found.append((np.mean(error**2), np.mean(inside), np.degrees(np.mean((high - low)[seen]))))
+    return found
+
+
+def of_clip(cells: list[Cell], most: int, reading: Reading, clip: int) -> list[list[tuple[float, ...]]]:
+    """Estimate the records of all cells of one clip."""
+    return [records(cell, clip, most, reading) for cell in cells]
+
+
+def _ends(estimate: Estimate) -> Array:
+    """Interval (n, 2) of each α that a run states, rad; NaN where there is none."""
+    kinds = {one.kind: one.alpha for one in estimate.intervals if one.alpha is not None}
+    stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
+    return np.full((estimate.frames, 2), np.nan) if stated is None else np.asarray(stated)
+
+
+def _summary(clips: list[list[tuple[float, ...]]]) -> str:
+    """Sum up the records of a cell: number, RMSE, coverage with its interval over clips, mean width, refusals."""
+    every = np.array([one for clip in clips for one in clip])
+    kept = every[np.isfinite(every[:, 0])]
+    if not len(kept):
+        return f"{len(every)} records | all refused"
+    means = np.array([np.nanmean(np.array(clip)[:, 1]) for clip in clips if np.isfinite(np.array(clip)[:, 1]).any()])
+    draws = means[stream(0, 0, "resampled").integers(len(means), size=(RESAMPLES, len(means)))].mean(axis=1)
+    low, high = np.percentile(100 * draws, [2.5, 97.5])
+    square, inside, width = kept.mean(axis=0)
+    return (
+        f"{len(every)} records | RMSE {np.sqrt(square):.3f}° | 95 % hold {100 * inside:.1f} % ({low:.0f} to {high:.0f}) "
+        f"| width {width:.2f}° | {len(every) - len(kept)} refused"
+    )
+
+
+@click.command()
+@click.option("--mount", "mounts", multiple=True, type=click.Choice(MOUNTS), help="[default: all]")
+@click.option("--weather", "weathers", multiple=True, type=click.Choice(list(ERRORS)), help="[default: all]")
+@click.option("--seconds", "lengths", multiple=True, type=click.Choice([f"{s:g}" for s in LENGTHS_S]), help="[all]")
+@click.option("--input", "inputs", multiple=True, type=click.Choice(INPUTS), help="[default: all]")
+@click.option("--first", default=4, show_default=True, help="Clip; 1 to 3 served to set up the estimator.")
+@click.option("--clips", default=6, show_default=True, help="Of ten minutes each.")
+@click.option("--share", default=30, show_default=True, help="Most records of a clip.")
+@click.option("--workers", default=2, show_default=True)
+@click.option("--rate-hz", default=20.0, show_default=True, help="Of the controller's readings.")
+@click.option("--slew-deg", default=0.044, show_default=True, help="Resolution.")
+@click.option("--radius-m", default=0.01, show_default=True, help="Resolution.")
+@click.option("--lag-s", default=0.0, show_default=True, help="Of the readings' times, unknown to the estimator.")
+@click.option("--dropout", default=0.0, show_default=True, help="Share of readings that get lost.")
+@click.option("--gap-s", default=0.0, show_default=True, help="Of each minute, without readings.")
+def main(
+    mounts: tuple[str, ...], weathers: tuple[str, ...], lengths: tuple[str, ...], inputs: tuple[str, ...], first: int,
+    clips: int, share: int, workers: int, **reading: float,
+) -> None:  # fmt: skip
+    """Print a line for each cell."""
+    cells = [
+        (mount, weather, float(seconds), given)
+        for mount, weather in itertools.product(mounts or MOUNTS, weathers or tuple(ERRORS))
+        for seconds, given in itertools.product(lengths or LENGTHS_S, inputs or INPUTS)
+    ]
+    cells.sort(key=lambda cell: (cell[0], WIND_M_S.get(cell[1], CALM_M_S)))  # so that a clip is simulated once
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        found = list(pool.map(partial(of_clip, cells, share, reading), range(first, first + clips)))
+    for cell, of_cell in zip(cells, zip(*found, strict=True), strict=True):
+        mount, weather, seconds, given = cell
+        print(f"{mount} | {weather} | {seconds:g} s | {given} | {_summary(list(of_cell))}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
