@@ -1,10 +1,10 @@
 """Print errors of α and their coverage by mount, weather, length of the record and input, without pictures.
 
-    python -m scripts.estimator_study [--mount levelled] [--weather fog] [--seconds 60] [--input controller] [--clips 6] …
+    python -m scripts.estimator_study [--mount levelled] [--weather fog] [--seconds 60] [--input controller] …
 
 The crane works. The estimator gets the true grab centre with the detector's errors in that weather, the rope length in
-centimetres, and an offset with an error of 5 cm per coordinate. Each clip of ten minutes is cut into records; `--share`
-limits how many of them are used. Coverage has a bootstrap interval over clips.
+centimetres, an offset with an error of 5 cm per coordinate, and `rope-aware` the mean wind. Each clip of ten minutes is
+cut into records; `--share` limits how many of them are used. Coverage has a bootstrap interval over clips.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -52,6 +53,7 @@ OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 1.0
 RESAMPLES = 1000
 Cell = tuple[str, str, float, str]
 Reading = dict[str, float]
+Errors = list[tuple[float, ...]]  # of records
 
 
 @lru_cache(maxsize=1)
@@ -103,12 +105,12 @@ def _readings(time: Array, jib: Array, rng: np.random.Generator, reading: Readin
     return Controller(at + reading["lag_s"], values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0, CLOCK_SD_S)
 
 
-def records(cell: Cell, clip: int, most: int, reading: Reading) -> list[tuple[float, ...]]:
+def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
     """Estimate some records of a clip: squared error of α (deg²), coverage and width (deg) of each; NaN if refused."""
     mount, weather, seconds, given = cell
     wind, (noise, wander, lost) = WIND_M_S.get(weather, CALM_M_S), ERRORS[weather]
     _, known, time, jib, alpha, rope, exact = _clip(mount, wind, clip)
-    size, found = int(seconds * RATE_HZ), []
+    size, found = int(seconds * RATE_HZ), Errors()
     for part in range(min(most, len(time) // size)):
         rng, some = stream(0, clip, f"{mount} {weather} {seconds:g} {part}"), slice(part * size, (part + 1) * size)
         t = time[some]
@@ -117,27 +119,26 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> list[tuple[fl
         x, y, z = (np.array(known.offset_m) + rng.normal(0, OFFSET_SD_M, 3)).tolist()
         camera = msgspec.structs.replace(known, offset_m=(x, y, z), offset_sd_m=OFFSET_SD_M)
         sd = np.full(size, np.hypot(noise, wander))
-        estimator: Estimator = RopeAware(intervals=INTERVALS)
+        estimator: Estimator = RopeAware(intervals=replace(INTERVALS, wind_m_s=wind))
         if given != "rope-aware":
             controller = _readings(t, jib[some], rng, reading) if given == "controller" else None
             imu = _imu(mount, wind, clip) if given == "imu" else None
-            estimator = PendulumSmoother(
-                controller=controller, imu=imu, wander_px=wander, intervals=INTERVALS
-            )
+            estimator = PendulumSmoother(controller=controller, imu=imu, wander_px=wander, intervals=INTERVALS)
         length = np.round(rope[some] / ROPE_STEP_M) * ROPE_STEP_M
         estimate = estimator.estimate(pixels, camera, rope_length=length, time=t, pixel_sd=sd)
         if not estimate.ok:
             found.append((np.nan, np.nan, np.nan))
             continue
-        seen = np.isfinite(estimate.alpha)
+        found_alpha = np.asarray(estimate.alpha)
+        seen = np.isfinite(found_alpha)
         low, high = _ends(estimate).T
-        error = np.degrees(estimate.alpha - alpha[some])[seen]
+        error = np.degrees(found_alpha - alpha[some])[seen]
         inside = ((low <= alpha[some]) & (alpha[some] <= high))[seen]
         found.append((np.mean(error**2), np.mean(inside), np.degrees(np.mean((high - low)[seen]))))
     return found
 
 
-def of_clip(cells: list[Cell], most: int, reading: Reading, clip: int) -> list[list[tuple[float, ...]]]:
+def of_clip(cells: list[Cell], most: int, reading: Reading, clip: int) -> list[Errors]:
     """Estimate the records of all cells of one clip."""
     return [records(cell, clip, most, reading) for cell in cells]
 
@@ -149,7 +150,7 @@ def _ends(estimate: Estimate) -> Array:
     return np.full((estimate.frames, 2), np.nan) if stated is None else np.asarray(stated)
 
 
-def _summary(clips: list[list[tuple[float, ...]]]) -> str:
+def _summary(clips: list[Errors]) -> str:
     """Sum up the records of a cell: number, RMSE, coverage with its interval over clips, mean width, refusals."""
     every = np.array([one for clip in clips for one in clip])
     kept = every[np.isfinite(every[:, 0])]
@@ -160,7 +161,8 @@ def _summary(clips: list[list[tuple[float, ...]]]) -> str:
     low, high = np.percentile(100 * draws, [2.5, 97.5])
     square, inside, width = kept.mean(axis=0)
     return (
-        f"{len(every)} records | RMSE {np.sqrt(square):.3f}° | 95 % hold {100 * inside:.1f} % ({low:.0f} to {high:.0f}) "
+        f"{len(every)} records | RMSE {np.sqrt(square):.3f}° "
+        f"| 95 % hold {100 * inside:.1f} % ({low:.0f} to {high:.0f}) "
         f"| width {width:.2f}° | {len(every) - len(kept)} refused"
     )
 
@@ -185,17 +187,14 @@ def main(
     clips: int, share: int, workers: int, **reading: float,
 ) -> None:  # fmt: skip
     """Print a line for each cell."""
-    cells = [
-        (mount, weather, float(seconds), given)
-        for mount, weather in itertools.product(mounts or MOUNTS, weathers or tuple(ERRORS))
-        for seconds, given in itertools.product(lengths or LENGTHS_S, inputs or INPUTS)
-    ]
+    seconds = tuple(map(float, lengths)) or LENGTHS_S
+    cells = list(itertools.product(mounts or MOUNTS, weathers or tuple(ERRORS), seconds, inputs or INPUTS))
     cells.sort(key=lambda cell: (cell[0], WIND_M_S.get(cell[1], CALM_M_S)))  # so that a clip is simulated once
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         found = list(pool.map(partial(of_clip, cells, share, reading), range(first, first + clips)))
     for cell, of_cell in zip(cells, zip(*found, strict=True), strict=True):
-        mount, weather, seconds, given = cell
-        print(f"{mount} | {weather} | {seconds:g} s | {given} | {_summary(list(of_cell))}", flush=True)
+        mount, weather, length, given = cell
+        print(f"{mount} | {weather} | {length:g} s | {given} | {_summary(list(of_cell))}", flush=True)
 
 
 if __name__ == "__main__":

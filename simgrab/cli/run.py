@@ -66,6 +66,12 @@ def _report(line: str) -> None:
     callback=_rate,
     help="Frames/s of a folder, or of a video without time stamps.  [default: what the video states, or 9]",
 )
+@click.option(
+    "--wind-m-s",
+    type=click.FloatRange(0, 40),
+    default=0.0,
+    help="Mean wind during the recording: the grab leans in it, and intervals get wider.  [default: not known]",
+)
 @click.option("--no-video", is_flag=True, help="Write no annotated video.")
 @click.option("--paper", is_flag=True, help="Print the paper's figures of its own video next to this run's.")
 @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
@@ -73,7 +79,7 @@ def _report(line: str) -> None:
 def command(
     source: str, camera: Path | None, out: Path | None, detector_name: str, instrument: str | None,
     estimator: str | None, calibrate: float | None, calibration: Path | None, imu: Path | None, plc: Path | None,
-    live: bool, rate: float | None, no_video: bool, paper: bool, as_json: bool, quiet: bool,
+    live: bool, rate: float | None, wind_m_s: float, no_video: bool, paper: bool, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Measure swing in SOURCE: a video, a stream's URL, a folder of images, or a dataset.
 
@@ -107,7 +113,7 @@ def command(
     else:
         chosen = assemble(
             detector=detector_name, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu,
-            plc=plc, follow="://" in source,
+            plc=plc, follow="://" in source, wind_m_s=wind_m_s,
         )  # fmt: skip
     options = RunOptions(live=live, video=not no_video, rate_hz=rate)
     with bar("measuring", shown=not (quiet or as_json)) as progress:

@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 WITH_MOTION, WITH_ROPE, WITHOUT = "pendulum-smoother", "rope-aware", DEFAULT
 # A crane's cycle takes 60 to 90 s, and swings are excited again in each: the shortest independent block.
-INTERVALS = IntervalSettings(block_s=60.0)
+INTERVALS = IntervalSettings(apart_s=0.6)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
 KEPT_S = 1200.0  # of a live record
@@ -107,6 +107,7 @@ class Pipeline:
     bridge: Bridge = field(default_factory=Bridge)
     controller: Controller | None = None
     feed: ControllerFeed | None = None
+    intervals: IntervalSettings = INTERVALS
 
     @property
     def name(self) -> str:
@@ -135,7 +136,7 @@ class Pipeline:
             whole = not live and self.calibrate_s is None and self.tilt is None
             moves = self.controller is not None and self.controller.reports_motion
             name = WITH_MOTION if known and whole and moves else WITH_ROPE if known else WITHOUT
-            return ESTIMATORS[name](intervals=INTERVALS)
+            return ESTIMATORS[name](intervals=self.intervals)
         if self.estimator.needs_rope and not known:
             raise RunError(
                 f"{self.estimator.name} needs the rope's length, but the camera file states no display "
@@ -192,7 +193,7 @@ class Pipeline:
             from simgrab.instrument.estimate import PendulumSmoother
             from simgrab.instrument.estimate.inertial.readings import read_imu
 
-            found = replace(found, estimator=PendulumSmoother(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
+            found = replace(found, estimator=PendulumSmoother(imu=read_imu(sensors[IMU]), intervals=self.intervals))
         if PLC in sensors:
             from simgrab.instrument.controller_file import read_controller
 
@@ -393,6 +394,7 @@ def assemble(
     imu: str | Path | None = None,
     plc: str | Path | None = None,
     follow: bool = False,
+    wind_m_s: float = 0.0,
 ) -> Pipeline:
     """Make a pipeline from command-line options.
 
@@ -414,6 +416,8 @@ def assemble(
         Data of the crane's controller, as `simgrab.instrument.controller_file.read_controller` takes them.
     follow : bool
         Whether the controller's data grow during the run, a live one: then only new rows are read.
+    wind_m_s : float
+        As `IntervalSettings.wind_m_s`.
 
     Raises
     ------
@@ -427,8 +431,10 @@ def assemble(
         raise RunError(f"calibration on the first part cannot be combined with {other}")
     if estimator is not None and tilt is not None:
         raise RunError(f"the tilt is given, so {estimator} is not needed; leave out one of them")
-    chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
-    pipeline = Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))
+    stated = replace(INTERVALS, wind_m_s=wind_m_s)
+    chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=stated)
+    known = None if tilt is None else load(tilt)
+    pipeline = Pipeline(opened(detector), Reader(), chosen, calibrate_s, known, intervals=stated)
     if plc is not None and follow:
         from simgrab.instrument.controller_feed import ControllerFeed
 

@@ -200,7 +200,8 @@ def conclude(name: str, frames: Frames, solution: Solution, settings: IntervalSe
     def made(kind: str, covariance: Array, skewness: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
         q = iv.student(settings.level, degrees)
         covariance = covariance if solution.known is None else covariance + solution.known
-        cov = covariance[:, :-1, :-1]
+        cov = covariance[:, :-1, :-1].copy()
+        cov[:, [0, 1], [0, 1]] += settings.lean_variance
         of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
         if solution.reach is not None:
             below, above = (iv.radial(beta, (far / q) ** 2, cov[:, 1, 1], q) for far in solution.reach(cov, q))
@@ -213,9 +214,11 @@ def conclude(name: str, frames: Frames, solution: Solution, settings: IntervalSe
             ends[bare] = np.nan
         return Intervals(kind, settings.level, of_beta, of_sigma, of_alpha, blocks, note, cov)
 
-    covariance, skewness = iv.iid_covariance(influence, frames.count), iv.skewness(influence[:, -1])
-    kinds = [made("iid", covariance, skewness, frames.count - 1, None, "")]
-    kinds.append(_by_blocks(frames, influence, settings, made))
+    independent, skewness = iv.independent(frames.time, frames.count, settings), iv.skewness(influence[:, -1])
+    covariance = iv.iid_covariance(influence, frames.count, independent)
+    kinds = [made("iid", covariance, skewness, independent - 1, None, "")]
+    if not settings.apart_s:
+        kinds.append(_by_blocks(frames, influence, settings, made))
     if frames.present is not None:
         alpha = np.where(frames.present, alpha, np.nan)
     return Estimates(

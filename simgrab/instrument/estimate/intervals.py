@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 
+LEAN_BY_WIND = 3.6e-5
+"""rad/(m/s)²: a grab of 10 m² (Cd·A) and, with its cargo for half of the time, 17 t."""
+
 
 @dataclass(frozen=True)
 class IntervalSettings:
@@ -30,21 +33,42 @@ class IntervalSettings:
     min_blocks, max_blocks : int
         With fewer blocks than the minimum there is no interval. Long records get longer blocks instead of more than the
         maximum.
+    apart_s : float
+        Frames count as independent if they are so far apart, s, in place of blocks. With 0.6 s, intervals of cycles at
+        work hold in records of 20 s and of 10 minutes alike (``scripts/estimator_study.py``).
     pixel_sd_px : float
         Noise of each pixel coordinate, inseparable from swing in frames alone; it widens the intervals of α. 0 takes
         the pixels as exact.
+    wind_m_s : float
+        Mean wind during the record. The grab leans in it, which frames alone cannot tell from a tilt of the camera; it
+        widens the intervals of β and α. 0 takes the air as still.
     """
 
     level: float = 0.95
     block_s: float = 600.0
     min_blocks: int = 3
     max_blocks: int = 4
+    apart_s: float = 0.0
     pixel_sd_px: float = 0.0
+    wind_m_s: float = 0.0
+
+    @property
+    def lean_variance(self) -> float:
+        """Of the grab's mean lean by wind per axis, rad²: ½ρ Cd·A v² over its weight, in an unknown direction."""
+        return (LEAN_BY_WIND * self.wind_m_s**2) ** 2 / 2
 
 
-def iid_covariance(influence: Array, count: Array) -> Array:
-    """Covariance (M, p, p) of estimates with influences (M, p, n), frames independent."""
-    return np.asarray(influence @ influence.swapaxes(-1, -2) / (count * np.maximum(count - 1, 1))[:, None, None])
+def iid_covariance(influence: Array, count: Array, independent: Array) -> Array:
+    """Covariance (M, p, p) of estimates with influences (M, p, n), of count (M,) frames so many (M,) independent."""
+    square = influence @ influence.swapaxes(-1, -2)
+    return np.asarray(square / (count * np.maximum(independent - 1, 1))[:, None, None])
+
+
+def independent(time: Array | None, count: Array, settings: IntervalSettings) -> Array:
+    """How many of the frames (M,) count as independent."""
+    if time is None or not settings.apart_s:
+        return count
+    return np.minimum(count, np.maximum(np.ptp(time) / settings.apart_s, 2))
 
 
 def block_of(time: Array, settings: IntervalSettings) -> tuple[NDArray[np.int64], int]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from simgrab.instrument.angles import by_estimate, calibrate
 from simgrab.instrument.contract import Instrument, Measurement
+from simgrab.instrument.estimate.contract import FrameEstimator
 from simgrab.instrument.estimate.follow import Known, far_offset
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
@@ -55,6 +56,8 @@ def assumptions(
         outside.insert(0, f"{offset} ({angle:.1f}° on {ROPE_M:g} m of rope)")
     if record is not None and record.arrays.time is not None and not moving(record.estimator):
         outside.append("lean of the camera as the crane moves")
+        if isinstance(record.estimator, FrameEstimator) and not record.estimator.intervals.wind_m_s:
+            outside.append("lean of the grab in steady wind")
     if outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
     far = "" if tilt is None else far_offset(tilt.offset_m, camera)

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.instrument.estimate import PaperIteration, RopeAware
+from simgrab.instrument.estimate import PaperIteration
+from simgrab.instrument.pipeline import INTERVALS
 from simgrab.instrument.run.runs import Run
 from simgrab.model.geometry import Array
 
@@ -108,15 +109,7 @@ def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, s
     stated = {i["kind"]: i for i in estimate["intervals"] if i["beta_deg"] is not None}
     if "posterior" in stated or not stated:
         return []
-    if "blocks" in stated:
-        return [("95 % intervals by", f"{stated['blocks']['blocks']} stretches of the record")]
-    if not timed:
-        return [("95 % intervals by", "frames")]
-    few = next((i["note"] for i in estimate["intervals"] if i["kind"] == "blocks"), "")
-    if few and estimate["estimator"] == RopeAware.name:
-        few += "; --estimator pendulum-smoother is better on so short a record by a camera that does not lean"
-    why = f" ({few})" if few else ""
-    return [("95 % intervals by", f"frames; too narrow, because frames are not independent{why}")]
+    return [("95 % intervals by", f"frames that are {INTERVALS.apart_s:g} s apart" if timed else "frames")]
 
 
 def _number(value: Any) -> str:
