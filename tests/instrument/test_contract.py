@@ -151,6 +151,41 @@ def test_the_order_of_frames_does_not_matter(name, record):
         np.testing.assert_allclose(one.interval(kind).sigma, other.interval(kind).sigma, rtol=1e-8)
 
 
+@pytest.mark.parametrize("name", ORDERLESS)
+def test_intervals_of_frames_that_must_be_apart_do_not_depend_on_the_frame_rate(name, record):
+    pixels, rope, time = record
+    settings = IntervalSettings(apart_s=6 * (time[1] - time[0]))
+    estimator = ESTIMATORS[name](intervals=settings)
+    twice = estimator.estimate(
+        np.repeat(pixels, 2, axis=0),
+        CAMERA,
+        rope_length=np.repeat(rope, 2),
+        time=np.linspace(0, time[-1], 2 * len(time)),
+    )
+    once = estimator.estimate(pixels, CAMERA, rope_length=rope, time=time)
+    assert [one.kind for one in once.intervals] == ["iid"]
+    assert np.ptp(once.interval("iid").beta) == pytest.approx(np.ptp(twice.interval("iid").beta), rel=0.1)
+    free = run(name, pixels, rope, time).interval("iid").beta
+    if name != "zero-tilt":
+        assert np.ptp(once.interval("iid").beta) > 1.5 * np.ptp(free)
+
+
+@pytest.mark.parametrize("name", ORDERLESS)
+def test_wind_widens_intervals_by_the_grabs_lean(name, record):
+    pixels, rope, time = record
+    calm, windy = (
+        ESTIMATORS[name](intervals=IntervalSettings(wind_m_s=wind)).estimate(
+            pixels, CAMERA, rope_length=rope, time=time
+        )
+        for wind in (0.0, 14.0)
+    )
+    np.testing.assert_array_equal(windy.alpha, calm.alpha)
+    added = windy.interval("iid").tilt - calm.interval("iid").tilt
+    lean = np.radians(0.404) ** 2 / 2  # 14 m/s lean a grab of 17 t by 0.404°
+    np.testing.assert_allclose(added[:2, :2], lean * np.eye(2), rtol=0.02)
+    assert np.all(np.ptp(windy.interval("iid").alpha, axis=1) > np.ptp(calm.interval("iid").alpha, axis=1))
+
+
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("turn", "zoom"), [(0.9, 1.0), (0.0, 1.7)])  # clockwise in the picture
 def test_a_turned_or_finer_picture_gives_the_same_angles(name, turn, zoom, record):

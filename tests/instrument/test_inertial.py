@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.signal import lfilter
 
 import simgrab
 from simgrab.cli.estimate import command
@@ -57,9 +58,9 @@ def crane():
     return swinging.record(fixed=False, frames=FRAMES, seed=100, camera__mount={"model": "levelled"})
 
 
-def estimated(crane, imu, pixels=None):
+def estimated(crane, imu, pixels=None, wander_px=0.0):
     noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.5, crane.pixels.shape) if pixels is None else pixels
-    estimator = PendulumSmoother(imu=imu)
+    estimator = PendulumSmoother(imu=imu, wander_px=wander_px)
     return estimator.estimate(noisy, crane.calibration, rope_length=crane.rope, time=crane.time)
 
 
@@ -125,6 +126,18 @@ def test_a_levelled_camera_needs_the_sensor(crane):
     assert np.degrees(np.median(high - low)) < 2
     assert found.diagnostics["noise_px"] == pytest.approx(1.4, abs=0.3)
     assert abs(np.degrees(found.beta) - np.degrees(crane.beta.mean())) < 0.5
+
+
+def test_a_detectors_lasting_errors_are_estimated_beside_the_sensors(crane):
+    rng, stay = np.random.default_rng(3), np.exp(-1 / 90)  # 10 s at 9 frames a second
+    lasting = lfilter([1.0], [1.0, -stay], rng.normal(0, 4.0 * np.sqrt(1 - stay**2), crane.pixels.shape), axis=0)
+    pixels, errors = crane.pixels + lasting + rng.normal(0, 0.3, crane.pixels.shape), []
+    for wander in (0.0, 4.0):
+        found = estimated(crane, readings(), pixels, wander)
+        errors.append(rms_deg(found, crane))
+    low, high = found.interval("posterior").alpha.T
+    assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.9
+    assert errors[1] < 0.75 * errors[0]
 
 
 def on_ropes(level_head_m, crane):
