@@ -139,7 +139,7 @@ def _film() -> Iterator[tuple[Picture, str]]:
     """Give the film's pictures, BGR, each with its line of text."""
     from simgrab.dataset.tables import calibration_of
     from simgrab.instrument.contract import Frame
-    from simgrab.instrument.pipeline import bundled
+    from simgrab.instrument.pipeline import assemble
     from simgrab.instrument.run.run import measure
     from simgrab.instrument.run.video import annotate
 
@@ -162,7 +162,7 @@ def _film() -> Iterator[tuple[Picture, str]]:
             yield frame.rgb[..., ::-1], f"The same swing in other weather: {name}"
     rate = scene.clip.frame_rate_hz
     pictures = [Frame(frame.rgb, number / rate) for number, frame in enumerate(frames)]
-    found = measure(pictures, calibration_of(scene), bundled())
+    found = measure(pictures, calibration_of(scene), assemble())
     for frame, measured in list(zip(frames, found.measurements, strict=True))[MEASURED - START :]:
         drawn = annotate(frame.rgb, measured)[..., ::-1]
         yield drawn, f"Measured from the pictures alone; the true swing is {frame.truth.alpha_deg:.2f} deg"

@@ -379,11 +379,6 @@ def _whole(observations: Sequence[Observation], lengths: Sequence[float]) -> Rec
     return angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
 
 
-def bundled() -> Pipeline:
-    """Make the bundled instrument: the default detector and reader, and the default estimator on the whole record."""
-    return assemble()
-
-
 def assemble(
     *,
     detector: str | Path = BUNDLED,
@@ -396,7 +391,7 @@ def assemble(
     follow: bool = False,
     wind_m_s: float = 0.0,
 ) -> Pipeline:
-    """Make a pipeline from command-line options.
+    """Make a pipeline; without options the default detector, reader and estimator on the whole record.
 
     Parameters
     ----------

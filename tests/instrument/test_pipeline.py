@@ -18,6 +18,7 @@ from simgrab.instrument.estimate.follow import Known, follow, known, load
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, rope
+from simgrab.instrument.run.subject import open_instrument
 from simgrab.model.calibration import Calibration
 from simgrab.model.records.observations import Detection, Reading
 
@@ -277,6 +278,13 @@ def test_the_smoother_runs_on_a_record(crane):
     found = made(estimator=PendulumSmoother()).conclude(crane.observations(1.5), crane.calibration)
     assert rms(degrees(found.measurements) - np.degrees(crane.alpha)) < 0.15
     assert found.tilt is not None
+
+
+def test_an_estimators_name_is_an_instrument():
+    made = open_instrument("smoother")
+    assert isinstance(made.estimator, PendulumSmoother)
+    assert made.estimator.intervals == rooms.INTERVALS
+    assert open_instrument("bundled").estimator is None
 
 
 def test_a_rope_shorter_than_the_offset_has_no_swing():

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ import numpy as np
 
 from simgrab.errors import InstrumentError, RecordError, SimgrabError
 from simgrab.instrument.contract import Frame, Instrument, Measurement, TakesSensors, flaw
-from simgrab.instrument.pipeline import Pipeline, bundled
+from simgrab.instrument.estimate import ESTIMATORS
+from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.io.strict import in_words
 from simgrab.model.calibration import Calibration
 from simgrab.runtime import modules
@@ -32,8 +34,8 @@ def open_instrument(name: str) -> Instrument:
     Parameters
     ----------
     name : str
-        ``bundled``, or ``package.module:factory``: a callable without arguments that gives an
-        `simgrab.instrument.contract.Instrument`.
+        ``bundled``; the name of an estimator, with which simgrab's own pipeline measures; or
+        ``package.module:factory``: a callable without arguments that gives an `simgrab.instrument.contract.Instrument`.
 
     Raises
     ------
@@ -41,10 +43,13 @@ def open_instrument(name: str) -> Instrument:
         With one line that states what failed, and where.
     """
     module, colon, factory = name.partition(":")
-    if name != BUNDLED and not (module and colon and factory):
-        raise InstrumentError(f"instrument {name!r}: name {BUNDLED!r}, or a factory as package.module:factory")
+    own = name == BUNDLED or name in ESTIMATORS
+    if not own and not (module and colon and factory):
+        raise InstrumentError(
+            f"instrument {name!r}: name {BUNDLED!r}, an estimator, or a factory as package.module:factory"
+        )
     with one_line(f"instrument {name}: cannot be imported"):
-        make = bundled if name == BUNDLED else modules.find(module, factory)
+        make = partial(assemble, estimator=None if name == BUNDLED else name) if own else modules.find(module, factory)
     with one_line(f"instrument {name}: cannot be made"):
         made = make()
     return checked(made, name)

@@ -61,7 +61,7 @@ def prepare(
 @command.command()
 @click.argument("season", type=PATH)
 @click.option("--out", type=NEW_FOLDER, required=True, help="New folder for the entry.")
-@click.option("--instrument", default="bundled", show_default=True, help="Or a pipeline, as package.module:factory.")
+@click.option("--instrument", default="bundled", show_default=True, help="Or an estimator, or package.module:factory.")
 @click.option("--method", default="", help="Name in the table.  [default: the instrument's]")
 @click.option(
     "--track",

@@ -181,9 +181,9 @@ def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
 
 @functools.cache
 def _pipeline() -> Pipeline:
-    from simgrab.instrument.pipeline import bundled
+    from simgrab.instrument.pipeline import assemble
 
-    return bundled()
+    return assemble()
 
 
 def _coded(frame: RenderedFrame, scenario: Scenario, order: int) -> Picture:

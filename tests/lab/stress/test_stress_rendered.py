@@ -19,7 +19,7 @@ from simgrab.cli import cli
 from simgrab.dataset.render import render
 from simgrab.errors import SimgrabError, StressError
 from simgrab.instrument.observation import observe
-from simgrab.instrument.pipeline import bundled
+from simgrab.instrument.pipeline import assemble
 from simgrab.instrument.source import open_source
 from simgrab.lab.stress import catalogue, estimators, geometric, laboratory, rendered, replay
 from simgrab.lab.stress.laboratory import PARTIAL, STUDY, TRIALS, made, make, parts
@@ -85,7 +85,7 @@ def test_probes_are_swings_of_ten_degrees_all_around(clear):
 def test_it_is_what_rendering_and_looking_give(watched, tmp_path):
     """The same scene through files on the disk: the pictures of a dataset, and its camera file."""
     assert render(watched.scenario, tmp_path / "set").frames == watched.scenario.frames
-    camera, pipeline = calibration.load(tmp_path / "set" / "camera.toml"), bundled()
+    camera, pipeline = calibration.load(tmp_path / "set" / "camera.toml"), assemble()
     assert watched.calibration == camera
     seen = list(observe(open_source(tmp_path / "set"), pipeline.detector, pipeline.reader, camera))
     assert [(s.centre, s.rope_text, s.score) for s in seen] == [
