@@ -38,7 +38,8 @@ LEAST_SENSED = 3e-5  # m²/s³, of white acceleration beside what a sensor repor
 CLOSE = 0.02  # of the tilt's uncertainty, below which such a step changes nothing
 FARTHEST = np.array([[-4.0], [4.0]])  # standard deviations that the camera's frequency and damping stay within
 START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
-LEAST_GUSTS = 2e-4  # rad, of the slow forcing by gusts, where the controller accounts for the jib: a breeze of 4 m/s
+# Range of the slow forcing, rad: of the jib's own motion; where that is known, by gusts of a breeze or a storm.
+ANY_FORCE, GUSTS = (1e-5, 0.1), (2e-4, 5e-3)
 # Speeds below which hoist and jib rest, and the longest time for which a grab digs.
 REST_M_S, JIB_RESTS_M_S, DIG_S = 0.1, 0.2, 30.0
 
@@ -101,6 +102,7 @@ def fit(
     priors: PendulumPriors,
     searches: int = SEARCHES,
     free: Array | None = None,
+    rounds: int = ROUNDS,
 ) -> PendulumFit:
     """Gauss–Newton to the posterior mode, with a search for the strengths before each of the first steps.
 
@@ -116,10 +118,12 @@ def fit(
     free : ndarray, shape (k − 1,), optional
         Weights of the steps between nodes. While strengths are searched for and a controller reports, they follow from
         the forces: a grab that digs does not swing freely.
+    rounds : int
+        Greatest number of steps.
     """
     some = [FREQUENCY, LEVELLING]
     converged, free = False, np.ones(len(nodes.time) - 1) if free is None else free
-    for done in range(ROUNDS):
+    for done in range(rounds):
         weigh = priors.jib.moves and searches > 0 and done > 0
         posterior, *_, free = _linearised(nodes, path, parameters, strengths, priors.locked(), free, weigh)
         if searches > 0 and done > 1:  # the first path is too rough to estimate strengths
@@ -207,7 +211,7 @@ def _linearised(
     leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
     posterior = Weighed(
         fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px,
-        LEAST_SENSED if priors.jib.sensed else 1e-9, LEAST_GUSTS if priors.jib.moves else 1e-5,
+        LEAST_SENSED if priors.jib.sensed else 1e-9, GUSTS if priors.jib.moves else ANY_FORCE,
     )  # fmt: skip
     return posterior, weight, error2, free
 

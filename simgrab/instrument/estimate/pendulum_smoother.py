@@ -61,6 +61,7 @@ SENSOR_SCALE_SD = 0.01  # of scale and misalignment: cheap sensors have 1 %, and
 REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
 WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change in that time
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
+CLOCK_STEP_S, CLOCK_ROUNDS = 0.75, 3  # of the search of the controller's clock
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 
@@ -206,11 +207,12 @@ class PendulumSmoother(PathEstimator):
             thin = Nodes.of(frames, some, CUT_S)
             if thin.seen.sum() >= self.parameters:
                 path = first_path(thin, swing[some], size)
-                rough = fit(thin, path, start, strengths, priors)
+                rough = fit(thin, path, _on_time(thin, path, start, strengths, priors), strengths, priors)
                 path = interpolated(nodes.time, thin.time, rough.path)
                 free = rough.free[np.searchsorted(thin.time[1:-1], nodes.time[1:])]
                 return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0, free)
-        return nodes, fit(nodes, first_path(nodes, swing, size), start, strengths, priors)
+        path = first_path(nodes, swing, size)
+        return nodes, fit(nodes, path, _on_time(nodes, path, start, strengths, priors), strengths, priors)
 
     def _found(self, solved: Solved, focal_px: float) -> EstimatedMotion:
         nodes, found, jib = solved.nodes, solved.fit, solved.jib
@@ -261,6 +263,17 @@ class PendulumSmoother(PathEstimator):
             ends = iv.of_scale(found.sigma, variance, np.zeros(1), iv.student(level, np.array([blocks - 1.0])))
         by_blocks = Intervals("blocks", level, None, ends, None, blocks, note)
         return replace(found, intervals=(*found.intervals, by_blocks))
+
+
+def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> Array:
+    """Start with the clock that fits best after a few steps: only from within a second is the true one reached."""
+    reach = 2 * float(priors.sd[CLOCK])
+    starts = [start + delay * (np.arange(len(start)) == CLOCK)
+              for delay in np.linspace(-reach, reach, 2 * int(reach / CLOCK_STEP_S) + 1)]  # fmt: skip
+    if len(starts) == 1:
+        return start
+    fits = [fit(nodes, path, one, strengths, priors, 0, rounds=CLOCK_ROUNDS) for one in starts]
+    return starts[int(np.argmin([one.minimum.value for one in fits]))]
 
 
 def _of_jib(found: PendulumFit) -> dict[str, float]:

@@ -29,8 +29,10 @@ class Weighed:
     links, seen, leans : int
         Number of terms in the three parts: steps, pixels, and steps with starts.
     focal_px : float
-    least_fast, least_slow : float
-        Least white acceleration, and least slow forcing.
+    least_fast : float
+        Least white acceleration.
+    slow_range : tuple of 2 floats
+        Least and greatest slow forcing.
     """
 
     fixed: Quadratic
@@ -42,7 +44,7 @@ class Weighed:
     leans: int
     focal_px: float
     least_fast: float
-    least_slow: float = 1e-5
+    slow_range: tuple[float, float]
 
     def at(self, strengths: Array) -> Quadratic:
         """Return the sum of the parts, at strengths (3,)."""
@@ -54,8 +56,8 @@ class Weighed:
 
         Without this prior, a short record would set slow forcing to 0 and state its tilt too precisely.
         """
-        low = np.log([self.least_fast, 0.05 / self.focal_px, self.least_slow])
-        high = np.log([1.0, 50 / self.focal_px, 0.1])
+        low = np.log([self.least_fast, 0.05 / self.focal_px, self.slow_range[0]])
+        high = np.log([1.0, 50 / self.focal_px, self.slow_range[1]])
         spread = np.array([2 * self.links, 2 * self.seen, 2 * self.leans - 0.25])
 
         def minus_log(v: Array) -> float:
