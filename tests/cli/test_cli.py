@@ -428,8 +428,9 @@ def test_completion_offers_commands():
 def test_render_says_what_a_user_may_not_expect(tmp_path):
     small = ["--frames=4", "--size=160x90", "--set=place.model=plain", "--set=image.samples=0"]
     ropes = ["--set", "swing.rope_length_m={dist='uniform', low=29, high=40}", "--set", "swing.clamp=['rope_length_m']"]
-    video = ["--video", str(tmp_path / "a.mkv")]
-    status, _, err = run("render", *small, *ropes, *video)
+    rigid = ["--set", "camera.mount={model='rigid'}"]
+    status, _, err = run("render", *small, *ropes, *rigid, "--video", tmp_path / "a.mkv")
     assert status == 0
     assert "swing.rope_length_m: 4 of 4 draws were impossible and were clamped" in err
     assert 'draws each frame on its own (swing.model = "iid")' in err
+    assert "camera.mount has no effect" in err
