@@ -31,7 +31,7 @@ def recipe(*changes):
         ([HANGS, TRAIN], "all 2 clips have the same motion"),
         ([HANGS, {"frames": 2}], None),
         ([HANGS, WIND, TRAIN], None),
-        ([VARIED], "splits: a world lies in one split, and few are shared unevenly: train 3 (stated 3.2), val 1"),
+        ([VARIED], "splits: a world lies in one split, and few are shared unevenly: train 3 (stated 3.2), val 0"),
         ([VARIED, {"frames": 200}], None),
         ([{}], None),
     ],

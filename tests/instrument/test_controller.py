@@ -236,6 +236,13 @@ def displayed(time, delay):
     return np.round(np.interp(np.floor(time * 5) / 5 - delay, TIME, ROPE), 2)
 
 
+def test_a_reading_holds_for_less_than_a_period_outside_of_all():
+    data, period = reading(), float(TIME[1] - TIME[0])
+    before, after = TIME[0] - period * np.array([1.1, 0.9]), TIME[-1] + period * np.array([0.9, 1.1])
+    np.testing.assert_equal(data.rope_at(before), [np.nan, ROPE[0]])
+    np.testing.assert_equal(data.rope_at(after), [ROPE[-1], np.nan])
+
+
 @pytest.mark.parametrize("offset", [-7.3, 0.0, 2.2])
 def test_the_clocks_offset_is_found_from_the_display_within_its_delay(offset):
     frames = np.arange(5, 50, 1 / 9)
