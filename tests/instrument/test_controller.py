@@ -285,7 +285,7 @@ def test_the_controllers_rope_replaces_a_display():
     data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, notes=("one row refused",))
     pipeline = Pipeline(nobody, None, controller=data)
     found = pipeline.conclude(blind, camera)
-    without = Pipeline(nobody, None, RopeAware(intervals=rooms.INTERVALS)).conclude
+    without = Pipeline(nobody, None, RopeAware(intervals=rooms.WORKING)).conclude
     assert found.estimate.estimator == "rope-aware"
     np.testing.assert_array_equal(found.arrays.rope.length, crane.rope)
     assert found.clock.source == "its description"
@@ -294,9 +294,11 @@ def test_the_controllers_rope_replaces_a_display():
     half = dataclasses.replace(data, time=crane.time[:200], rope=crane.rope[:200])
     late = dataclasses.replace(pipeline, controller=half).conclude(blind, camera).measurements[300]
     assert (late.status, late.reason) == ("unread", "neither a display nor the controller states the rope's length")
-    about = _controller(pipeline, found.clock)
+    about = _controller(pipeline, found)
     assert about["notes"] == ["one row refused"]
-    assert about["clock_offset_s"] == 0.0
+    assert (about["clock_offset_s"], about["clock_by_motion_s"]) == (0.0, None)
+    later = dataclasses.replace(found.estimate, diagnostics={"clock_s": 0.4})  # 0.4 s late
+    assert _controller(pipeline, dataclasses.replace(found, estimate=later))["clock_by_motion_s"] == -0.4
     with pytest.raises(RunError, match="follow each other in time"):
         pipeline.conclude([msgspec.structs.replace(s, time_s=None) for s in blind], camera)
 

@@ -125,6 +125,7 @@ def test_published_stands_beside_measured(found):
     assert table["tilt β̂ (deg)"][1] == f"{np.rad2deg(again.beta):.3f}"
     assert table["tilt β̂ (deg)"][2] == f"{result.about['tilt']['beta_deg']:.3f}"
     assert table["iterations"][0] == "8"
+    assert ["Beside the paper" in page(result, {}, paper=asked) for asked in (True, False)] == [True, False]
     facts = dict(held(result))
     assert facts["frames"] == "45"
     assert facts["rope lengths read"].split()[2] == str(45 - result.about["counts"]["lost"])
@@ -489,6 +490,21 @@ def test_an_estimated_offset_far_from_the_stated_one_is_named(moved_m, text):
     tilt = Known("rope-aware", 9, 3.0, 0.0, (0.0, 0.6 + moved_m, -0.3), ((0.0,) * 4,) * 4)
     found = assumptions(camera, None, tilt, Pipeline(None, None), ())["beyond"]
     assert text in found
+    assert bool(found) == bool(text)
+
+
+@pytest.mark.parametrize(
+    ("measured", "text"),
+    [
+        ((), ""),
+        ((Measurement(status="ok", alpha=0.1),), "none: the record does not determine them"),
+        ((Measurement(status="ok", alpha=0.1, alpha_low=0.0, alpha_high=0.2),), "errors of these are not in them: "),
+    ],
+)
+def test_no_interval_owes_nothing(measured, text):
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, assumed=("focal_length_px",))
+    found = assumptions(camera, None, None, Pipeline(None, None), measured)["text"]
+    assert found.startswith(text)
     assert bool(found) == bool(text)
 
 

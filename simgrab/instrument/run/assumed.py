@@ -55,7 +55,9 @@ def assumptions(
         outside.insert(0, f"{offset} ({angle:.1f}° on {ROPE_M:g} m of rope)")
     if record is not None and record.arrays.time is not None and not moving(record.estimator):
         outside.append("lean of the camera as the crane moves")
-    if outside:
+    if not any(m.alpha_low is not None for m in measured):
+        parts = ["none: the record does not determine them"] if any(m.alpha is not None for m in measured) else []
+    elif outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
     far = "" if tilt is None else far_offset(tilt.offset_m, camera)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),

@@ -78,6 +78,8 @@ def held(run: Run) -> list[tuple[str, str]]:
     if reported := run.about.get("controller"):
         low, high = reported["clock_interval_s"]
         clock = f"{reported['clock_offset_s']:+.2f} s ({low:+.2f} to {high:+.2f}), from {reported['clock_from']}"
+        by_motion = reported.get("clock_by_motion_s")
+        clock += f"; {by_motion:+.2f} s by the swing, which is used" if by_motion is not None else ""
         rows.append(("controller's clock", clock))
     estimate = run.about["estimate"]
     if estimate is not None:
