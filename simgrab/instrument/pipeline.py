@@ -20,8 +20,9 @@ from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
-from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, IntervalSettings
+from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
 from simgrab.instrument.estimate.follow import Known, known, load
+from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.observation import Observation, observe, one
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 WITH_MOTION, WITH_ROPE, WITHOUT = "pendulum-smoother", "rope-aware", DEFAULT
-# A crane's cycle takes 60 to 90 s, and swings are excited again in each: the shortest independent block.
-INTERVALS = IntervalSettings(block_s=60.0)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
 KEPT_S = 1200.0  # of a live record
@@ -135,7 +134,7 @@ class Pipeline:
             whole = not live and self.calibrate_s is None and self.tilt is None
             moves = self.controller is not None and self.controller.reports_motion
             name = WITH_MOTION if known and whole and moves else WITH_ROPE if known else WITHOUT
-            return ESTIMATORS[name](intervals=INTERVALS)
+            return ESTIMATORS[name](intervals=WORKING)
         if self.estimator.needs_rope and not known:
             raise RunError(
                 f"{self.estimator.name} needs the rope's length, but the camera file states no display "
@@ -192,7 +191,7 @@ class Pipeline:
             from simgrab.instrument.estimate import PendulumSmoother
             from simgrab.instrument.estimate.inertial.readings import read_imu
 
-            found = replace(found, estimator=PendulumSmoother(imu=read_imu(sensors[IMU]), intervals=INTERVALS))
+            found = replace(found, estimator=PendulumSmoother(imu=read_imu(sensors[IMU]), intervals=WORKING))
         if PLC in sensors:
             from simgrab.instrument.controller_file import read_controller
 
@@ -427,7 +426,7 @@ def assemble(
         raise RunError(f"calibration on the first part cannot be combined with {other}")
     if estimator is not None and tilt is not None:
         raise RunError(f"the tilt is given, so {estimator} is not needed; leave out one of them")
-    chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=INTERVALS)
+    chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=WORKING)
     pipeline = Pipeline(opened(detector), Reader(), chosen, calibrate_s, None if tilt is None else load(tilt))
     if plc is not None and follow:
         from simgrab.instrument.controller_feed import ControllerFeed

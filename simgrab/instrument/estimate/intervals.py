@@ -42,6 +42,10 @@ class IntervalSettings:
     pixel_sd_px: float = 0.0
 
 
+WORKING = IntervalSettings(block_s=60.0)
+"""Of a crane that works: a cycle takes 60 to 90 s, and swings are excited again in each."""
+
+
 def iid_covariance(influence: Array, count: Array) -> Array:
     """Covariance (M, p, p) of estimates with influences (M, p, n), frames independent."""
     return np.asarray(influence @ influence.swapaxes(-1, -2) / (count * np.maximum(count - 1, 1))[:, None, None])

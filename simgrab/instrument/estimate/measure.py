@@ -15,6 +15,7 @@ from simgrab.errors import RecordError, first_line
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, PendulumSmoother
 from simgrab.instrument.estimate.follow import far_offset
 from simgrab.instrument.estimate.inertial.readings import read_imu
+from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.estimate.tables import PixelRecord, read_record
 from simgrab.model import calibration as camera_file
 from simgrab.model.calibration import Calibration
@@ -86,7 +87,7 @@ def estimate(
     known = calibration if isinstance(calibration, Calibration) else camera_file.load(calibration)
     rope, when = (None if values is None else np.asarray(values, float) for values in (rope_length, time))
     try:
-        return kind().estimate(np.asarray(pixels, float), known, rope_length=rope, time=when)
+        return kind(intervals=WORKING).estimate(np.asarray(pixels, float), known, rope_length=rope, time=when)
     except ValueError as problem:
         raise RecordError(f"{estimator}: {first_line(problem)}") from None
 
@@ -120,7 +121,8 @@ def measure(
     RecordError, CalibrationError
         With one line that names the file and the row or column.
     """
-    kind: Estimator = _kind(estimator)() if imu is None else PendulumSmoother(imu=read_imu(imu))
+    named, readings = _kind(estimator), None if imu is None else read_imu(imu)
+    kind = named(intervals=WORKING) if readings is None else PendulumSmoother(imu=readings, intervals=WORKING)
     calibration = camera_file.load(camera)
     record = read_record(path, calibration, rope=kind.needs_rope, time=kind.needs_time)
     present = int(np.isfinite(record.pixels).all(axis=-1).sum())
