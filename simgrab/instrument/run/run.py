@@ -23,7 +23,7 @@ from simgrab.instrument.estimate.measure import estimate_json
 from simgrab.instrument.faults import Fault
 from simgrab.instrument.pipeline import Live, MeasuredRecord, Pipeline, assemble
 from simgrab.instrument.run import runs
-from simgrab.instrument.run.assumed import assumptions
+from simgrab.instrument.run.assumed import assumptions, unexplained
 from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
 from simgrab.instrument.run.video import OverlayVideo
@@ -356,6 +356,6 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
         "clock_by_motion_s": None if by_motion is None else clock.offset_s - by_motion,
-        "display_minus_controller_m": clock.difference_m,
+        "display_minus_controller_m": clock.difference_m, "warning": unexplained(record),
         "notes": [*controller.notes, *filter(None, [clock.note])],
     }  # fmt: skip
