@@ -183,7 +183,7 @@ REFUSED = {
     "no rate": (lambda c: c, {"rope": {"column": "rope", "resolution": 0.01}}, None, "rope.rate_hz: missing"),
     "nothing to read": (lambda c: c, {"slew": None, "radius": None, "rope": None}, None, "at least one of the tables"),
     "radius and luff": (lambda c: c, {"luff": quantity("rope", "deg", jib_m=30.0)}, None, "luff: leave it out"),
-    "a date without a start": (lambda c: c, {"time": {"column": "t", "unit": "iso"}}, None, "start: must be the time"),
+    "a date without a start": (lambda c: c, {"time": {"column": "t", "unit": "iso"}}, None, "time.start: is missing"),
     "a file from elsewhere": (lambda c: c, {"rope": quantity("t", "m", file="../x.csv")}, None, "beside or below"),
 }  # fmt: skip
 
