@@ -28,7 +28,7 @@ def command(
 
     FILE is CSV or parquet with columns u_px, v_px[, rope_length_m, time_s]: the grab centre in the image as recorded
     (empty where it was not detected), |OA| in metres, and seconds. A dataset's labels.parquet works as well: the first
-    two columns may be called grab_u_px, grab_v_px.
+    two columns may be called grab_u_px, grab_v_px. The controller's data are taken by simgrab run --plc alone.
     """
     from simgrab.instrument.estimate import measure as judge
 

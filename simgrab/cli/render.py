@@ -92,6 +92,8 @@ def command(
     functions: Any = {"randomiser": given.randomiser, "trajectory": given.trajectory, "effects": given.effects}
     summary: Summary | VideoSummary
     places = [path for path in (out, video) if path is not None]
+    if resume and not quiet and not any(is_url(place) or Path(place).exists() for place in places):
+        click.echo(printable(f"--resume: nothing is begun in {' or '.join(map(str, places))}; begins there"), err=True)
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
         if out is not None:
             if not (quiet or as_json or cluster or video or resume):

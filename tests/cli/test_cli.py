@@ -295,6 +295,8 @@ def test_render_a_video_prints_a_summary(tmp_path):
     assert status == 0
     assert json.loads(out)["sent"] == 2
     assert "a.mp4 exists" in run(*command)[2]
+    assert "nothing is begun" not in run(*command, "--resume")[2]
+    assert "--resume: nothing is begun in" in run(*command[:-1], tmp_path / "b.mp4", "--resume")[2]
     status, out, _ = run(*command, "--resume", "--out", tmp_path / "data")
     assert status == 0
     assert "preview.jpg" in out
