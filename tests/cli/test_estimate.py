@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
+import tomli_w
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
@@ -46,6 +47,33 @@ def write(path, table):
 
 def call(*arguments):
     return CliRunner().invoke(command, [str(a) for a in arguments])
+
+
+@pytest.mark.parametrize(("quantity", "estimator"), [("rope", "rope-aware"), ("slew", "pendulum-smoother")])
+def test_a_controllers_data_take_the_place_of_the_column(quantity, estimator, tmp_path, camera, table):
+    """They come 2 s late, and end 1 s before the pictures."""
+    time = np.arange(-20, 124) / 10
+    crane = {"t": time + 2, "rope": np.full(len(time), 20.0), "slew": np.zeros(len(time))}
+    about = {"time": {"column": "t", "start": 2.0, "clock_sd_s": 0.1}}
+    about |= {name: {"column": name, "rate_hz": 10.0, "resolution": 0.01} for name in {"rope", quantity}}
+    write(tmp_path / "crane.csv", crane)
+    (tmp_path / "crane.toml").write_text(tomli_w.dumps(about))
+    bare = write(tmp_path / "bare.csv", {name: table[name] for name in ("u_px", "v_px", "time_s")})
+    given = ["--camera", camera, "--json", "--no-figure"]
+    result = call(bare, *given, "--plc", tmp_path / "crane.csv")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert (found["estimator"], found["status"]) == (estimator, "ok")
+    assert len(found["alpha_deg"]) == 120
+    assert found["warnings"][-1].startswith("controller's clock: +0.00 s (-0.20 to +0.20), from its description")
+    if quantity == "rope":
+        late = table["time_s"] > time[-1] + 0.1  # frames without a length lose their pixel
+        blank = {
+            name: ["" if gone else one for gone, one in zip(late, table[name], strict=True)]
+            for name in ("u_px", "v_px")
+        }
+        own = call(write(tmp_path / "own.csv", table | blank), *given, "--estimator", estimator)
+        assert found["beta_deg"] == pytest.approx(json.loads(own.stdout)["beta_deg"])
 
 
 @pytest.mark.parametrize("name", list(ESTIMATORS))

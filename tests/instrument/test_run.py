@@ -22,10 +22,11 @@ from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PaperIteration, PendulumSmoother
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.follow import load as load_tilt
+from simgrab.instrument.estimate.measure import unexplained
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
-from simgrab.instrument.run.assumed import assumptions, unexplained
+from simgrab.instrument.run.assumed import assumptions
 from simgrab.instrument.run.page import page
 from simgrab.instrument.run.run import RunOptions, measure, run
 from simgrab.instrument.run.table import beside_paper, held
@@ -517,7 +518,7 @@ def test_a_controller_of_another_record_is_named(seed, mount, warned):
     pipeline = Pipeline(nothing, Reader(), controller=data)
     record = pipeline.conclude(crane.observations(1.3), crane.calibration)
     assert record.estimate.estimator == "pendulum-smoother"
-    assert bool(unexplained(record)) == warned
+    assert bool(unexplained(record.estimator, record.estimate)) == warned
 
 
 @pytest.mark.parametrize("error", [-5.0, 0.0, 5.0])

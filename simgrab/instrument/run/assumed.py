@@ -11,7 +11,6 @@ import numpy as np
 
 from simgrab.instrument.angles import by_estimate, calibrate
 from simgrab.instrument.contract import Instrument, Measurement
-from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.follow import Known, far_offset
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
@@ -19,7 +18,6 @@ from simgrab.model.geometry import Array
 
 ROPE_M = 20.0  # of an example
 LEAST_BOXES = 40
-MOST_LEAN, FAR = 0.015, 3.0  # rad, of slow forces that a controller does not report; standard deviations
 MOST_ERROR = 0.08  # of the longest rope, where the shortest is far shorter
 _TEXTS = {
     "focal_length_px": "focal length {0.focal_length_px:g} px (1 % more makes every angle 1 % smaller)",
@@ -64,29 +62,6 @@ def assumptions(
     far = "" if tilt is None else far_offset(tilt.offset_m, camera)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured)]))}  # fmt: skip
-
-
-def unexplained(record: MeasuredRecord | None) -> str:
-    """Warn that a controller's motion does not explain the swing; mostly empty.
-
-    Then forces that nobody reports do, or a length of the pendulum that is not the rope's. In simulated cycles of 60 s
-    by cameras of three mounts, at wind of 4 and 14 m/s, these were at most 0.002 rad and 0.4 standard deviations off
-    with the record's own data, and with those of another at least 0.027 rad or 4 standard deviations.
-    """
-    estimator = None if record is None else record.estimator
-    if record is None or record.estimate is None or not isinstance(estimator, PendulumSmoother):
-        return ""
-    diagnostics = record.estimate.diagnostics
-    if estimator.controller is None or "longer_m" not in diagnostics:
-        return ""
-    lean, longer = float(diagnostics["lean_sd"]), float(diagnostics["longer_m"])
-    if lean < MOST_LEAN and abs(longer - estimator.longer_m) < FAR * estimator.longer_sd_m:
-        return ""
-    return (
-        "the swing does not follow the controller's motion: forces that it does not report lean the grab by "
-        f"{math.degrees(lean):.1f}°, as a pendulum {longer:+.1f} m longer than the rope; are its data of this record, "
-        "and is the rope's length right? Angles and intervals may be wrong"
-    )
 
 
 def _of_size(camera: Calibration, measured: Sequence[Measurement]) -> str:
