@@ -27,8 +27,8 @@ from simgrab.dataset.tables import calibration_of
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import Estimator, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
+from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.estimate.pendulum_smoother import WANDER_S
-from simgrab.instrument.pipeline import INTERVALS
 from simgrab.lab.bench.season import WIND_M_S
 from simgrab.model import scenes
 from simgrab.model.geometry import Array, to_camera
@@ -119,11 +119,11 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
         x, y, z = (np.array(known.offset_m) + rng.normal(0, OFFSET_SD_M, 3)).tolist()
         camera = msgspec.structs.replace(known, offset_m=(x, y, z), offset_sd_m=OFFSET_SD_M)
         sd = np.full(size, np.hypot(noise, wander))
-        estimator: Estimator = RopeAware(intervals=replace(INTERVALS, wind_m_s=wind))
+        estimator: Estimator = RopeAware(intervals=replace(WORKING, wind_m_s=wind))
         if given != "rope-aware":
             controller = _readings(t, jib[some], rng, reading) if given == "controller" else None
             imu = _imu(mount, wind, clip) if given == "imu" else None
-            estimator = PendulumSmoother(controller=controller, imu=imu, wander_px=wander, intervals=INTERVALS)
+            estimator = PendulumSmoother(controller=controller, imu=imu, wander_px=wander, intervals=WORKING)
         length = np.round(rope[some] / ROPE_STEP_M) * ROPE_STEP_M
         estimate = estimator.estimate(pixels, camera, rope_length=length, time=t, pixel_sd=sd)
         if not estimate.ok:

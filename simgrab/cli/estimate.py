@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FILE, PATH, EstimatorName, imu_option
+from simgrab.cli._options import FILE, PATH, EstimatorName, imu_option, plc_option
 from simgrab.instrument.estimate import DEFAULT
 from simgrab.text import printable
 
@@ -15,14 +15,19 @@ from simgrab.text import printable
 @click.command()
 @click.argument("file", type=PATH)
 @click.option("--camera", type=PATH, required=True, help="Camera TOML.")
-@click.option("--estimator", type=EstimatorName(), help=f"[default: {DEFAULT}; with --imu pendulum-smoother]")
+@click.option(
+    "--estimator",
+    type=EstimatorName(),
+    help=f"[default: {DEFAULT}; with --plc as run; with --imu pendulum-smoother]",
+)
 @imu_option
+@plc_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
 @click.option("--figure", type=FILE, help="File of the figure.  [default: FILE.estimate.png]")
 @click.option("--no-figure", is_flag=True, help="Write no figure.")
 def command(
-    file: Path, camera: Path, estimator: str | None, imu: Path | None, as_json: bool, figure: Path | None,
-    no_figure: bool,
+    file: Path, camera: Path, estimator: str | None, imu: Path | None, plc: Path | None, as_json: bool,
+    figure: Path | None, no_figure: bool,
 ) -> None:  # fmt: skip
     """Estimate camera tilt and swing angles from grab centres.
 
@@ -40,7 +45,7 @@ def command(
         from simgrab.instrument.estimate import figure as estimate_figure
 
         estimate_figure.check(target)
-    measured = judge.measure(file, camera, estimator or DEFAULT, imu=imu)
+    measured = judge.measure(file, camera, estimator, imu=imu, plc=plc)
     if as_json:
         click.echo(json.dumps(judge.as_json(measured), indent=1))
     else:

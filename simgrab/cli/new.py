@@ -26,7 +26,7 @@ GRABS = ("four-rope", "clamshell", "orange-peel", "scissors")
 WEATHERS: Mapping[str, tuple[float, float, Mapping[str, float]]] = {
     "clear": (1.0, 0.85, {}),
     "rain": (0.0, 0.6, {"rain_mm_h": 8, "wetness": 0.8, "lens_drops": 8}),
-    "fog": (0.0, 0.8, {"visibility_m": 100, "wetness": 0.2}),
+    "fog": (0.0, 0.8, {"wetness": 0.2}),
     "snow": (0.0, 0.75, {"snow_mm_h": 0.6, "snow_cover": 0.25}),
     "dust": (0.8, 0.85, {"dust_thickness": 1.8, "dust_radius_m": 2.5, "lens_dirt": 0.03}),
 }
@@ -34,6 +34,7 @@ PAINTS = {
     "orange": [0.86, 0.52, 0.07], "yellow": [0.88, 0.72, 0.10], "red": [0.62, 0.12, 0.09], "blue": [0.10, 0.26, 0.55],
     "green": [0.12, 0.38, 0.20], "grey": [0.45, 0.46, 0.47], "black": [0.12, 0.12, 0.13], "white": [0.82, 0.82, 0.80],
 }  # fmt: skip
+FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S = 75
 # By option: the question, and what stands for an answer.
@@ -231,7 +232,9 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
         paint = f"\npaint_rgb = {PAINTS[colour]} # {colour}"
     if grab in GRABS[1:]:
         (volume,) = answers.get("volume", _numbers(3, 20))
-        answers.assumed.append("grab: moved by ropes; drive and other keys in [grab] set it (docs/grabs.md)")
+        kind = "6 tines that close the bowl, " if grab == "orange-peel" else ""
+        keys = "tines, shells (open for scrap), drive" if kind else "drive"
+        answers.assumed.append(f"grab: {kind}moved by ropes; {keys} and other keys in [grab] set it (docs/grabs.md)")
         return f'model = "{grab}"\nvolume_m3 = {volume:g}{paint}', volume
     if "volume" in answers:
         raise _refusal("volume", f"{grab} has a size of its own; leave it out, or give --grab {' or '.join(GRABS[1:])}")
@@ -248,9 +251,12 @@ def _table(keys: Mapping[str, float]) -> str:
 
 def _moods(moods: Sequence[tuple[str, str]], rate: float) -> tuple[str, str]:
     """Lines of light, exposure and weather: as keys, or as what varies where there are several."""
-    made = []
-    for light, weather in moods:
+    made, names, weights = [], list[str](), list[float]()
+    for (light, weather), fog_m in ((mood, fog) for mood in moods for fog in (FOGS_M if "fog" in mood else (0,))):
         (sun, sky, keys), night = WEATHERS[weather], light == "night"
+        keys = {"visibility_m": fog_m, **keys} if fog_m else keys
+        names.append(f"{light}, {weather}{f' of {fog_m} m' if fog_m else ''}")
+        weights.append(1 if fog_m else len(FOGS_M))
         made.append({
             "light": _table(NIGHT if night else {"sun": sun, "sky": sky}),
             "optics.exposure.exposure_ev": "-1.3" if night else "0.0",
@@ -262,8 +268,9 @@ def _moods(moods: Sequence[tuple[str, str]], rate: float) -> tuple[str, str]:
         return "".join(f"{key} = {value}\n" for key, value in made[0].items()), ""
     rows = [", ".join(f'"{key}" = {value}' for key, value in one.items()) for one in made]
     values = "\n".join(f"  {{ {row} }}," for row in rows)
-    names = json.dumps([", ".join(mood) for mood in moods])
-    return "", f'"{"+".join(made[0])}" = {{ dist = "one-of", names = {names}, values = [\n{values}\n] }}\n'
+    share = f", weights = {weights}" if len(set(weights)) > 1 else ""
+    key = f'"{"+".join(made[0])}"'
+    return "", f'{key} = {{ dist = "one-of", names = {json.dumps(names)}{share}, values = [\n{values}\n] }}\n'
 
 
 def _tolerances(facts: Mapping[str, tuple[float, float, float, float]]) -> str:

@@ -55,6 +55,7 @@ def command(
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed, yolo=yolo)
     if video is None:
         out = out or Path("runs") / scenario.name
+    from simgrab.dataset.notices import notices
     from simgrab.dataset.pool import automatic
     from simgrab.dataset.render import render
     from simgrab.dataset.shards import frames_of
@@ -83,12 +84,16 @@ def command(
     if video is not None and isinstance(scenario.swing, Iid) and given.trajectory is None and not quiet:
         click.echo(
             f'{scenario.name} draws each frame on its own (swing.model = "iid"): in a video, rope and grab jump from '
-            "frame to frame, and camera.mount has no effect; work-cycles and free-swing move",
+            "frame to frame; work-cycles and free-swing move",
             err=True,
         )
+    for line in () if quiet else notices(recipe, splits=out is not None):
+        click.echo(line, err=True)
     functions: Any = {"randomiser": given.randomiser, "trajectory": given.trajectory, "effects": given.effects}
     summary: Summary | VideoSummary
     places = [path for path in (out, video) if path is not None]
+    if resume and not quiet and not any(is_url(place) or Path(place).exists() for place in places):
+        click.echo(printable(f"--resume: nothing is begun in {' or '.join(map(str, places))}; begins there"), err=True)
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
         if out is not None:
             if not (quiet or as_json or cluster or video or resume):

@@ -73,7 +73,7 @@ def _report(line: str) -> None:
     help="Mean wind during the recording: the grab leans in it, and intervals get wider.  [default: not known]",
 )
 @click.option("--no-video", is_flag=True, help="Write no annotated video.")
-@click.option("--paper", is_flag=True, help="Print the paper's figures of its own video next to this run's.")
+@click.option("--paper", is_flag=True, help="Print and report the paper's figures of its own video too.")
 @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
@@ -115,7 +115,7 @@ def command(
             detector=detector_name, estimator=estimator, calibrate_s=calibrate, tilt=calibration, live=live, imu=imu,
             plc=plc, follow="://" in source, wind_m_s=wind_m_s,
         )  # fmt: skip
-    options = RunOptions(live=live, video=not no_video, rate_hz=rate)
+    options = RunOptions(live=live, video=not no_video, rate_hz=rate, paper=paper)
     with bar("measuring", shown=not (quiet or as_json)) as progress:
         found = run(source, camera, out, chosen, options, progress, None if quiet else _report)
     if as_json:

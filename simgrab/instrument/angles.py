@@ -12,7 +12,7 @@ from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
-from simgrab.instrument.forecast import Forecast, Forecaster, forecast, joined
+from simgrab.instrument.forecast import SETTLED_S, Forecast, Forecaster, forecast, joined
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.rope import Rope
 from simgrab.model.calibration import Calibration
@@ -112,7 +112,7 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
 def forecasts(
     forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float
 ) -> Forecast | None:
-    """Forecast from each frame and those before it; None for independent frames.
+    """Forecast from each frame and those before it; None for independent frames, NaN until the filter has settled.
 
     Parameters
     ----------
@@ -132,10 +132,14 @@ def forecasts(
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
     sd = record.direction_sd(focal_px)
     rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], strict=True)
-    states = [forecaster.step(*row) for row in rows]
+    states, settled = [], []
+    for time, *row in rows:
+        states.append(forecaster.step(time, *row))
+        settled.append(time >= forecaster.begun + SETTLED_S)
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])
     parts = [slice(i, i + AT_ONCE) for i in range(0, len(states), AT_ONCE)]
-    return joined([forecast(joined(states[part]), np.nan_to_num(tilt_sd[part])) for part in parts])
+    found = joined([forecast(joined(states[part]), np.nan_to_num(tilt_sd[part])) for part in parts])
+    return Forecast(*(np.where(settled, values, np.nan) for values in vars(found).values()))
 
 
 def measurements(

@@ -74,10 +74,11 @@ class Controller:
         return ClockOffset(0.0, self.clock_sd_s, self.clock_from)
 
     def rope_at(self, time: Array) -> Array:
-        """Interpolate the rope's length at times (m,); NaN outside of the readings and in their gaps."""
+        """Interpolate the rope's length at times (m,); NaN in gaps, and a reading's period or more outside of all."""
         assert self.rope is not None
-        held = np.where(time <= self.time[-1] + self.hold_s, np.minimum(time, self.time[-1]), time)
-        return np.interp(held, self.time, self.rope, np.nan, np.nan)
+        (first, last), period = self.time[[0, -1]], float(np.median(np.diff(self.time)))
+        near = (time > first - period) & (time <= last + max(self.hold_s, period))
+        return np.interp(np.where(near, np.clip(time, first, last), time), self.time, self.rope, np.nan, np.nan)
 
     def shifted(self, clock: ClockOffset) -> Controller:
         """Apply the offset of the clock."""

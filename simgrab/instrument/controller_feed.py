@@ -128,7 +128,8 @@ class _Tail:
                     first = file.readline(HEADER_BYTES)
                     self._header = first if first.endswith(b"\n") else b""
                     parsed_csv(self._header or b"-", self._path, "")  # refuses other separators
-                    self._position = end if self._position is None and self._header else self._position
+                    if self._header:
+                        self._position = end if self._position is None else len(first)
                 if not self._header or self._position is None:
                     return False
                 begin = file.seek(max(self._position, end - MOST_BYTES))

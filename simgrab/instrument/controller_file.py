@@ -46,6 +46,7 @@ _MOVING = 0.98  # quantile of the speeds of readings
 _MOST_RATE = 3.0  # ratio of the stated rate to that of the readings
 Meta = msgspec.Meta
 Bad = NDArray[np.bool_]
+EPOCH = "1970-01-01T00:00"  # of texts whose differences alone count
 
 
 class ClockColumn(Checked, frozen=True, kw_only=True):
@@ -57,7 +58,7 @@ class ClockColumn(Checked, frozen=True, kw_only=True):
     unit : str
         ``"s"``, ``"ms"``, ``"us"``, ``"ns"``, or ``"iso"`` for texts such as 2026-03-02T08:15:00.25.
     start : float or str or None
-        Time of the first frame, as the column has it; None is 0.
+        Time of the first frame, as the column has it; None is 0. Of texts only a live run goes without it.
     clock_sd_s : float
         Standard deviation of the difference between the two clocks.
     """
@@ -70,7 +71,7 @@ class ClockColumn(Checked, frozen=True, kw_only=True):
     clock_sd_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
 
     def check(self) -> None:  # noqa: D102
-        if isinstance(self.start, str) != (self.unit == "iso"):
+        if self.start is not None and isinstance(self.start, str) != (self.unit == "iso"):
             raise ValueError('start: must be the time of the first frame as the column has it, a text for unit = "iso"')
         if isinstance(self.start, str):
             _moment(self.start)
@@ -218,6 +219,8 @@ def read_controller(
     """
     if facts is None:
         path, facts = describe(path)
+        if facts.time.unit == "iso" and facts.time.start is None:
+            raise RecordError(f"{path.with_suffix(DESCRIPTION)}: time.start: is missing: the time of the first frame")
     path = Path(path)
     notes: list[str] = []
     files: dict[Path, _Rows] = {}
@@ -287,8 +290,7 @@ def _rows(path: Path, table: pa.Table, clock: ClockColumn, notes: list[str]) -> 
     every = np.arange(table.num_rows)
     refuse = _Refusing(f"{path}: time, column {clock.column!r}", every, notes)
     if clock.unit == "iso":
-        assert isinstance(clock.start, str)
-        start = _moment(clock.start)
+        start = _moment(str(clock.start or EPOCH))
         time, bad = _parsed(path, table, clock.column, lambda text: (_moment(text) - start).total_seconds())
         cure = "; dates such as 2026-03-02T08:15:00 are needed"
     else:

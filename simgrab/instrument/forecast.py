@@ -19,6 +19,7 @@ from simgrab.model.rng import stream
 HORIZON_S = 6.0  # of a warning: half a period of 35 m of rope
 PATHS = 64
 CUT_S = 5.0  # a longer silence begins the filter again
+SETTLED_S = 1.0  # from its first place until swing and forcing are separated: before, forecasts err three times as much
 STATE, TURN = 7, 6  # state of the pendulum, and the jib's turning rate
 LENGTH = 15.0  # m, that scales p
 FIXED = np.zeros(pendulum.PARAMETERS)
@@ -95,10 +96,12 @@ class Forecaster:
         Last place seen less the one expected, rad; 0 where nothing was seen.
     error_sd : ndarray, shape (k,)
         Its expected standard deviation per axis.
+    begun : float
+        Time of the first place since the filter began, s.
     """
 
     def __init__(self, records: int = 1) -> None:
-        self.state, self._time = State.before(records), -np.inf
+        self.state, self._time, self.begun = State.before(records), -np.inf, np.inf
         self.error, self.error_sd = np.zeros((records, 2)), np.full(records, np.inf)
 
     def step(
@@ -126,9 +129,10 @@ class Forecaster:
         """
         last, seconds = self.state, time - self._time
         if seconds > CUT_S:
-            last = State.before(len(rope))
+            last, self.begun = State.before(len(rope)), np.inf
         rope = np.where(np.isfinite(rope), rope, last.rope)
         seen = np.isfinite(swing).all(axis=-1) & np.isfinite(rope)
+        self.begun = min(self.begun, time) if seen.any() else self.begun
         first = np.isnan(last.rope)
         forced = last.reported
         if reported is not None:

@@ -20,8 +20,9 @@ from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
-from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, IntervalSettings
+from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
 from simgrab.instrument.estimate.follow import Known, known, load
+from simgrab.instrument.estimate.intervals import WORKING, IntervalSettings
 from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.observation import Observation, observe, one
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 WITH_MOTION, WITH_ROPE, WITHOUT = "pendulum-smoother", "rope-aware", DEFAULT
-# A crane's cycle takes 60 to 90 s, and swings are excited again in each: the shortest independent block.
-INTERVALS = IntervalSettings(apart_s=0.6)
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
 KEPT_S = 1200.0  # of a live record
@@ -107,7 +106,7 @@ class Pipeline:
     bridge: Bridge = field(default_factory=Bridge)
     controller: Controller | None = None
     feed: ControllerFeed | None = None
-    intervals: IntervalSettings = INTERVALS
+    intervals: IntervalSettings = WORKING
 
     @property
     def name(self) -> str:
@@ -412,7 +411,7 @@ def assemble(
     follow : bool
         Whether the controller's data grow during the run, a live one: then only new rows are read.
     wind_m_s : float
-        As `IntervalSettings.wind_m_s`.
+        As `simgrab.instrument.estimate.IntervalSettings` takes it.
 
     Raises
     ------
@@ -426,7 +425,7 @@ def assemble(
         raise RunError(f"calibration on the first part cannot be combined with {other}")
     if estimator is not None and tilt is not None:
         raise RunError(f"the tilt is given, so {estimator} is not needed; leave out one of them")
-    stated = replace(INTERVALS, wind_m_s=wind_m_s)
+    stated = replace(WORKING, wind_m_s=wind_m_s)
     chosen: Estimator | None = None if estimator is None else ESTIMATORS[estimator](intervals=stated)
     known = None if tilt is None else load(tilt)
     pipeline = Pipeline(opened(detector), Reader(), chosen, calibrate_s, known, intervals=stated)

@@ -203,7 +203,10 @@ def camera_of(appearance: Appearance) -> str:
     notes = {
         "focal_length_px": "not determined by footage: the paper's camera's; 1 % more makes every angle 1 % smaller",
         "cx_px, cy_px, k1 …": "not determined by footage: the middle of the picture, and no distortion",
-        "offset_m": "not determined by footage: the camera at the rope exit, with the standard deviation offset_sd_m",
+        "offset_m": "not determined by footage: camera minus rope exit, outboard, left and up; 0 is at the rope exit",
+        "its signs": "ropes leave the picture on the right where the second number is above 0, on the left where it is "
+        "below; at the bottom where the first is above 0, at the top where it is below",
+        "offset_sd_m": "standard deviation of each number; 0.05 for a tape measure",
         "display_constant_m": "not determined by footage: rope exit to grab centre, minus the length displayed",
         "digit_layout": "as read" if display.layout else f"not determined by this footage: {display.reason}",
         "assumed": "remove a key once you have stated your own value",

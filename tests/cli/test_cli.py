@@ -295,6 +295,8 @@ def test_render_a_video_prints_a_summary(tmp_path):
     assert status == 0
     assert json.loads(out)["sent"] == 2
     assert "a.mp4 exists" in run(*command)[2]
+    assert "nothing is begun" not in run(*command, "--resume")[2]
+    assert "--resume: nothing is begun in" in run(*command[:-1], tmp_path / "b.mp4", "--resume")[2]
     status, out, _ = run(*command, "--resume", "--out", tmp_path / "data")
     assert status == 0
     assert "preview.jpg" in out
@@ -428,8 +430,9 @@ def test_completion_offers_commands():
 def test_render_says_what_a_user_may_not_expect(tmp_path):
     small = ["--frames=4", "--size=160x90", "--set=place.model=plain", "--set=image.samples=0"]
     ropes = ["--set", "swing.rope_length_m={dist='uniform', low=29, high=40}", "--set", "swing.clamp=['rope_length_m']"]
-    video = ["--video", str(tmp_path / "a.mkv")]
-    status, _, err = run("render", *small, *ropes, *video)
+    rigid = ["--set", "camera.mount={model='rigid'}"]
+    status, _, err = run("render", *small, *ropes, *rigid, "--video", tmp_path / "a.mkv")
     assert status == 0
     assert "swing.rope_length_m: 4 of 4 draws were impossible and were clamped" in err
     assert 'draws each frame on its own (swing.model = "iid")' in err
+    assert "camera.mount has no effect" in err

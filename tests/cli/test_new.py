@@ -83,7 +83,11 @@ def test_facts_become_keys_and_their_tolerances(grab, tmp_path):
     assert isinstance(scene.place, Hold)  # the ropes reach below the quay
     assert scene.swing.rope_length_m.support() == (9, 31)
     assert scene.camera.offset_m == (0.2, -0.5, -0.4)
-    assert len(next(iter(scene.vary.values())).names) == 2 * len(WEATHERS)
+    moods = next(iter(scene.vary.values()))
+    shares = {light: sum(p for p, name in zip(moods.probabilities, moods.names, strict=True) if light in name)
+              for light in ("day", "night", *WEATHERS)}  # fmt: skip
+    assert shares == pytest.approx({"day": 1 / 2, "night": 1 / 2} | dict.fromkeys(WEATHERS, 1 / len(WEATHERS)))
+    assert len({one["weather"]["visibility_m"] for one in moods.values if "visibility_m" in one["weather"]}) == 3
     assert preview.MOST_TILES / scene.clip.clip_frames == 8  # draws on the first sheet
     if grab in GRABS[1:]:
         assert scene.vary["grab.volume_m3"].support() == pytest.approx((8.1, 9.9))

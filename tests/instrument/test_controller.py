@@ -183,7 +183,7 @@ REFUSED = {
     "no rate": (lambda c: c, {"rope": {"column": "rope", "resolution": 0.01}}, None, "rope.rate_hz: missing"),
     "nothing to read": (lambda c: c, {"slew": None, "radius": None, "rope": None}, None, "at least one of the tables"),
     "radius and luff": (lambda c: c, {"luff": quantity("rope", "deg", jib_m=30.0)}, None, "luff: leave it out"),
-    "a date without a start": (lambda c: c, {"time": {"column": "t", "unit": "iso"}}, None, "start: must be the time"),
+    "a date without a start": (lambda c: c, {"time": {"column": "t", "unit": "iso"}}, None, "time.start: is missing"),
     "a file from elsewhere": (lambda c: c, {"rope": quantity("t", "m", file="../x.csv")}, None, "beside or below"),
 }  # fmt: skip
 
@@ -236,6 +236,13 @@ def displayed(time, delay):
     return np.round(np.interp(np.floor(time * 5) / 5 - delay, TIME, ROPE), 2)
 
 
+def test_a_reading_holds_for_less_than_a_period_outside_of_all():
+    data, period = reading(), float(TIME[1] - TIME[0])
+    before, after = TIME[0] - period * np.array([1.1, 0.9]), TIME[-1] + period * np.array([0.9, 1.1])
+    np.testing.assert_equal(data.rope_at(before), [np.nan, ROPE[0]])
+    np.testing.assert_equal(data.rope_at(after), [ROPE[-1], np.nan])
+
+
 @pytest.mark.parametrize("offset", [-7.3, 0.0, 2.2])
 def test_the_clocks_offset_is_found_from_the_display_within_its_delay(offset):
     frames = np.arange(5, 50, 1 / 9)
@@ -278,7 +285,7 @@ def test_the_controllers_rope_replaces_a_display():
     data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, notes=("one row refused",))
     pipeline = Pipeline(nobody, None, controller=data)
     found = pipeline.conclude(blind, camera)
-    without = Pipeline(nobody, None, RopeAware(intervals=rooms.INTERVALS)).conclude
+    without = Pipeline(nobody, None, RopeAware(intervals=rooms.WORKING)).conclude
     assert found.estimate.estimator == "rope-aware"
     np.testing.assert_array_equal(found.arrays.rope.length, crane.rope)
     assert found.clock.source == "its description"
@@ -287,9 +294,11 @@ def test_the_controllers_rope_replaces_a_display():
     half = dataclasses.replace(data, time=crane.time[:200], rope=crane.rope[:200])
     late = dataclasses.replace(pipeline, controller=half).conclude(blind, camera).measurements[300]
     assert (late.status, late.reason) == ("unread", "neither a display nor the controller states the rope's length")
-    about = _controller(pipeline, found.clock)
+    about = _controller(pipeline, found)
     assert about["notes"] == ["one row refused"]
-    assert about["clock_offset_s"] == 0.0
+    assert (about["clock_offset_s"], about["clock_by_motion_s"]) == (0.0, None)
+    later = dataclasses.replace(found.estimate, diagnostics={"clock_s": 0.4})  # 0.4 s late
+    assert _controller(pipeline, dataclasses.replace(found, estimate=later))["clock_by_motion_s"] == -0.4
     with pytest.raises(RunError, match="follow each other in time"):
         pipeline.conclude([msgspec.structs.replace(s, time_s=None) for s in blind], camera)
 

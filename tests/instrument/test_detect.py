@@ -128,6 +128,15 @@ def test_the_detector_combines_its_nets(tmp_path):
     assert GrabDetector(tmp_path).settings == Settings(least_heat=0.2)
 
 
+@pytest.mark.parametrize(("factor", "stated"), [(22.0, True), (23.0, False)])
+def test_a_yaw_whose_interval_holds_every_direction_is_not_stated(factor, stated, tmp_path):
+    sd = factor * np.sqrt(2) * np.exp(-3) / 2
+    assert (1.96 * sd < np.pi / 2) == stated
+    found = detector(hand_made(tmp_path, yaw=0.5, calibration={"yaw": factor}))(bright())
+    assert found.found
+    assert (found.yaw is not None, found.yaw_sd is not None) == (stated, stated)
+
+
 def test_the_most_present_of_the_hottest_places_counts(tmp_path):
     looks = detector(hand_made(tmp_path, presence=-1.0, glow=24.0))
     spots = bright(at=(300, 400))

@@ -98,13 +98,30 @@ def test_half_a_minute_without_an_angle_a_change_of_light_and_news_of_the_source
     assert 100 <= kinds[3][1] < 106
 
 
-def followed(folder):
+def followed(folder, unit="s"):
     one = {"rate_hz": 10.0, "resolution": 0.01}
-    facts = {"time": {"column": "t"}, "rope": {"column": "rope", **one}, "slew": {"column": "slew", **one}}
+    facts = {
+        "time": {"column": "t", "unit": unit},
+        "rope": {"column": "rope", **one},
+        "slew": {"column": "slew", **one},
+    }
     path = folder / "crane.csv"
     path.with_suffix(".toml").write_text(tomli_w.dumps(facts))
     path.write_text("t,rope,slew\n" + "5,1,1\n" * 100)
     return path
+
+
+def test_dates_are_followed_without_a_start_and_a_file_that_begins_again_from_its_first_row(tmp_path):
+    path = followed(tmp_path, "iso")
+    feed = ControllerFeed(path)
+    feed.poll(0.0, 0.0)
+    for second in range(1, 9):
+        with path.open("w" if second == 5 else "a") as file:
+            file.write("t,rope,slew\n" * (second == 5))
+            file.write("".join(f"2026-03-02T08:00:0{second}.{i},{second}.{i},0\n" for i in range(10)))
+        reported = feed.poll(second + 0.9, second + 0.9)
+        assert reported.notes == ()
+    np.testing.assert_allclose(reported.rope_at(np.array([5.2, 8.4])), [5.2, 8.4], atol=0.01)
 
 
 def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):

@@ -15,6 +15,7 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import ESTIMATORS, IntervalSettings, MeanRay, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.follow import Known, follow, known, load
+from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, rope
@@ -283,7 +284,7 @@ def test_the_smoother_runs_on_a_record(crane):
 def test_an_estimators_name_is_an_instrument():
     made = open_instrument("smoother")
     assert isinstance(made.estimator, PendulumSmoother)
-    assert made.estimator.intervals == rooms.INTERVALS
+    assert made.estimator.intervals == WORKING
     assert open_instrument("bundled").estimator is None
 
 

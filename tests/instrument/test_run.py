@@ -18,9 +18,11 @@ from simgrab.cli import cli
 from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PaperIteration, PendulumSmoother
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.follow import load as load_tilt
+from simgrab.instrument.estimate.measure import unexplained
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
@@ -125,6 +127,7 @@ def test_published_stands_beside_measured(found):
     assert table["tilt β̂ (deg)"][1] == f"{np.rad2deg(again.beta):.3f}"
     assert table["tilt β̂ (deg)"][2] == f"{result.about['tilt']['beta_deg']:.3f}"
     assert table["iterations"][0] == "8"
+    assert ["Beside the paper" in page(result, {}, paper=asked) for asked in (True, False)] == [True, False]
     facts = dict(held(result))
     assert facts["frames"] == "45"
     assert facts["rope lengths read"].split()[2] == str(45 - result.about["counts"]["lost"])
@@ -489,6 +492,32 @@ def test_an_estimated_offset_far_from_the_stated_one_is_named(moved_m, text):
     found = assumptions(camera, None, tilt, Pipeline(None, None), ())["beyond"]
     assert text in found
     assert bool(found) == bool(text)
+
+
+@pytest.mark.parametrize(
+    ("measured", "text"),
+    [
+        ((), ""),
+        ((Measurement(status="ok", alpha=0.1),), "none: the record does not determine them"),
+        ((Measurement(status="ok", alpha=0.1, alpha_low=0.0, alpha_high=0.2),), "errors of these are not in them: "),
+    ],
+)
+def test_no_interval_owes_nothing(measured, text):
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, assumed=("focal_length_px",))
+    found = assumptions(camera, None, None, Pipeline(None, None), measured)["text"]
+    assert found.startswith(text)
+    assert bool(found) == bool(text)
+
+
+@pytest.mark.parametrize(("seed", "mount", "warned"), [(101, "levelled", False), (103, "fixed", True)])
+def test_a_controller_of_another_record_is_named(seed, mount, warned):
+    changes = {"fixed": mount == "fixed", "frames": 540}
+    crane, jib = swinging.record(seed=101, **changes), swinging.record(seed=seed, **changes).jib
+    data = Controller(crane.time, *jib.T, crane.rope, 1e-3, 1e-2, 3e-3, clock_sd_s=0.3)
+    pipeline = Pipeline(nothing, Reader(), controller=data)
+    record = pipeline.conclude(crane.observations(1.3), crane.calibration)
+    assert record.estimate.estimator == "pendulum-smoother"
+    assert bool(unexplained(record.estimator, record.estimate)) == warned
 
 
 @pytest.mark.parametrize("error", [-5.0, 0.0, 5.0])

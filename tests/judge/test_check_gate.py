@@ -286,6 +286,12 @@ def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
         assert f" px in frame {frame}" in scene.causes
         assert re.search(rf"<figcaption>Frame {frame}: .*, centre 21\d\.\d px off", page.page(result))
     assert "Correct the centre first: its error (95th percentile) is 21" in scene.causes
+    written = json.loads(report.as_json(result))
+    assert written["causes"] == dict.fromkeys(result.scenes, scene.causes)
+    (listed,) = written["worst_frames"].values()
+    assert {0, 4, 8, 12} <= {one["frame"] for one in listed if one["centre_off_px"] > 210}
+    first = listed[-1]
+    assert first["true_deg"] == scene.trial.dataset.rows[first["frame"]].alpha_deg
     assert "the error arises" not in scene.causes
     assert "Largest contribution" not in scene.causes
     (scene,) = gate.check(strict, options(place, sound, baseline=None)).scenes.values()

@@ -17,6 +17,7 @@ from simgrab.judge.evaluate import detection
 from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
 from simgrab.model import label_arrays as labels
 from simgrab.model.records.observations import Detection
+from simgrab.model.scenario import OrangePeel
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from films import film
@@ -152,6 +153,12 @@ def test_intervals_are_exact():
     assert clopper_pearson(0, 500) == pytest.approx((0, 0.00735), abs=1e-5)
     assert clopper_pearson(998, 1000) == pytest.approx((0.99279, 0.99976), abs=1e-5)
     assert clopper_pearson(0, 0) is None
+
+
+def test_of_tines_that_look_alike_no_yaw_is_scored(known, monkeypatch):
+    tines = msgspec.structs.replace(known.scenario, grab=OrangePeel())
+    monkeypatch.setattr(type(known), "scenario", property(lambda _: tines))
+    assert detection.figures(cases(known, perfect))["coverage"] == {"box": 1, "centre": 1, "yaw": None}
 
 
 def test_yaw_is_the_direction_of_the_grabs_x_axis(crooked_dataset):

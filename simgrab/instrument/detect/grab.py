@@ -50,6 +50,7 @@ _MAPS: Shapes = (_MAP, (4, *_MAP))
 _ROWS: Shapes = ((16,),)
 _LEAST_SIDE = 8.0  # px of the picture, of a box
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
+MOST_YAW_SD = math.pi / 2 / 1.96  # beyond it the interval of 95 % is a quarter turn each way: every direction
 
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Factor = Annotated[float, msgspec.Meta(ge=0, le=1000)]
@@ -188,11 +189,13 @@ class GrabDetector:
             cut_off = min(x0, y0) <= 0 or x1 >= width or y1 >= height
             why = "what the image edge cuts is not clearly a grab" if cut_off else "it looks like something else"
             return Detection("none", f"{why} (presence {presence:.2f})", presence)
+        yaw, yaw_sd = float(near.yaw[0]), float(near.yaw_sd[0]) * own.yaw
+        turned = yaw_sd < MOST_YAW_SD  # the tines of an orange-peel grab look alike
         return Detection(
             status="found", reason="", score=presence,
             box=np.clip(_sound(near.boxes[0]), 0, [width, height] * 2), centre=near.centres[0],
-            yaw=float(near.yaw[0]), box_sd_px=near.box_sd[0] * own.box,
-            centre_sd_px=near.centre_sd[0] * own.centre, yaw_sd=float(near.yaw_sd[0]) * own.yaw,
+            yaw=yaw if turned else None, box_sd_px=near.box_sd[0] * own.box,
+            centre_sd_px=near.centre_sd[0] * own.centre, yaw_sd=yaw_sd if turned else None,
         )  # fmt: skip
 
     def candidates(self, picture: Picture) -> list[Candidate]:

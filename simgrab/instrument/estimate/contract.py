@@ -216,7 +216,8 @@ def conclude(name: str, frames: Frames, solution: Solution, settings: IntervalSe
 
     independent, skewness = iv.independent(frames.time, frames.count, settings), iv.skewness(influence[:, -1])
     covariance = iv.iid_covariance(influence, frames.count, independent)
-    kinds = [made("iid", covariance, skewness, independent - 1, None, "")]
+    apart = "" if frames.time is None or not settings.apart_s else f"of frames {settings.apart_s:g} s apart"
+    kinds = [made("iid", covariance, skewness, independent - 1, None, apart)]
     if not settings.apart_s:
         kinds.append(_by_blocks(frames, influence, settings, made))
     if frames.present is not None:

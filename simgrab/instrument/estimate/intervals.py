@@ -58,6 +58,10 @@ class IntervalSettings:
         return (LEAN_BY_WIND * self.wind_m_s**2) ** 2 / 2
 
 
+WORKING = IntervalSettings(apart_s=0.6)
+"""Of a crane that works: swings are excited again in each cycle of 60 to 90 s."""
+
+
 def iid_covariance(influence: Array, count: Array, independent: Array) -> Array:
     """Covariance (M, p, p) of estimates with influences (M, p, n), of count (M,) frames so many (M,) independent."""
     square = influence @ influence.swapaxes(-1, -2)

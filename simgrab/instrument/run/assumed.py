@@ -58,7 +58,9 @@ def assumptions(
         outside.append("lean of the camera as the crane moves")
         if isinstance(record.estimator, FrameEstimator) and not record.estimator.intervals.wind_m_s:
             outside.append("lean of the grab in steady wind")
-    if outside:
+    if not any(m.alpha_low is not None for m in measured):
+        parts = ["none: the record does not determine them"] if any(m.alpha is not None for m in measured) else []
+    elif outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
     far = "" if tilt is None else far_offset(tilt.offset_m, camera)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),

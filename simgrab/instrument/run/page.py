@@ -14,8 +14,8 @@ from simgrab.reports import html
 MOST_STILLS = 40  # alarms that come with a picture
 
 
-def page(run: Run, stills: Mapping[int, bytes]) -> str:
-    """Write the page; ``stills`` are annotated JPEGs by frame."""
+def page(run: Run, stills: Mapping[int, bytes], *, paper: bool = False) -> str:
+    """Write the page; ``stills`` are annotated JPEGs by frame, ``paper`` whether the paper's figures stand beside."""
     return html.page(
         "run.html",
         run=run,
@@ -26,6 +26,6 @@ def page(run: Run, stills: Mapping[int, bytes]) -> str:
         alarms=alarms(run.events),
         largest=int(np.nanargmax(run.alpha)) if np.isfinite(run.alpha).any() else None,
         head=HEAD,
-        beside_paper=beside_paper(run),
+        beside_paper=beside_paper(run) if paper else (),
         reasons=reasons(run),
     )

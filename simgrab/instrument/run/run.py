@@ -18,9 +18,8 @@ from simgrab.errors import RunError, SourceError
 from simgrab.instrument import alarm
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
-from simgrab.instrument.controller import ClockOffset
 from simgrab.instrument.estimate.follow import Known
-from simgrab.instrument.estimate.measure import estimate_json
+from simgrab.instrument.estimate.measure import estimate_json, unexplained
 from simgrab.instrument.faults import Fault
 from simgrab.instrument.pipeline import Live, MeasuredRecord, Pipeline, assemble
 from simgrab.instrument.run import runs
@@ -52,12 +51,15 @@ class RunOptions:
         Frame rate of pictures in a folder, or of a video without time stamps.
     rule : Rule
         Rule of the alarm.
+    paper : bool
+        Whether the report compares with the paper's figures of its own video.
     """
 
     live: bool = False
     video: bool = True
     rate_hz: float | None = None
     rule: Rule = field(default_factory=Rule)
+    paper: bool = False
 
 
 def run(
@@ -123,7 +125,7 @@ def run(
             found, overlay = parts.next(folder, options)
         found = _named(found, opened, named)
         if folder is not None:
-            _write(found, overlay, folder)
+            _write(found, overlay, folder, paper=options.paper)
         return found
 
     if out is None:
@@ -141,14 +143,14 @@ def run(
             target = Path(out).with_name(f"{Path(out).name}-{number}")
 
 
-def _write(found: Run, overlay: OverlayVideo, folder: Path) -> None:
+def _write(found: Run, overlay: OverlayVideo, folder: Path, *, paper: bool) -> None:
     runs.save(found, folder)
     if found.about["tilt"] is not None:
         tilt = msgspec.convert(found.about["tilt"], Known)
         (folder / TILT).write_text(tilt.to_toml(), encoding="utf-8")
     from simgrab.instrument.run.page import page  # matplotlib takes its time
 
-    (folder / PAGE).write_text(page(found, overlay.stills), encoding="utf-8")
+    (folder / PAGE).write_text(page(found, overlay.stills, paper=paper), encoding="utf-8")
 
 
 def measure(
@@ -326,7 +328,7 @@ def _conclude(
     early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNING, alarm.warning)
     estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
-    reported = _controller(instrument, None if record is None else record.clock)
+    reported = _controller(instrument, record)
     about = {
         "simgrab": version("simgrab"),
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
@@ -342,14 +344,18 @@ def _conclude(
     return Run(instrument.name, source, calibration, time_s, tuple(notes.names), measurements, found, about)
 
 
-def _controller(instrument: Instrument, clock: ClockOffset | None) -> dict[str, Any]:
+def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[str, Any]:
     """State what is known of the controller's clock, and which readings were refused; empty without its data."""
     if not isinstance(instrument, Pipeline) or instrument.controller is None:
         return {}
     controller = instrument.controller
-    clock = clock or controller.stated_clock
+    clock = (record.clock if record is not None else None) or controller.stated_clock
+    by_motion, warning, used = None, "", None if record is None else record.estimator
+    if record is not None and record.estimate is not None and used is not None and not used.needs_imu:
+        by_motion, warning = record.estimate.diagnostics.get("clock_s"), unexplained(used, record.estimate)
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
-        "display_minus_controller_m": clock.difference_m,
+        "clock_by_motion_s": None if by_motion is None else clock.offset_s - by_motion,
+        "display_minus_controller_m": clock.difference_m, "warning": warning,
         "notes": [*controller.notes, *filter(None, [clock.note])],
     }  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simgrab.instrument.estimate import PaperIteration
-from simgrab.instrument.pipeline import INTERVALS
+from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.run.runs import Run
 from simgrab.model.geometry import Array
 
@@ -79,7 +79,10 @@ def held(run: Run) -> list[tuple[str, str]]:
     if reported := run.about.get("controller"):
         low, high = reported["clock_interval_s"]
         clock = f"{reported['clock_offset_s']:+.2f} s ({low:+.2f} to {high:+.2f}), from {reported['clock_from']}"
+        by_motion = reported.get("clock_by_motion_s")
+        clock += f"; {by_motion:+.2f} s by the swing, which is used" if by_motion is not None else ""
         rows.append(("controller's clock", clock))
+        rows += [("WARNING", reported["warning"])] if reported.get("warning") else []
     estimate = run.about["estimate"]
     if estimate is not None:
         refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
@@ -109,7 +112,7 @@ def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, s
     stated = {i["kind"]: i for i in estimate["intervals"] if i["beta_deg"] is not None}
     if "posterior" in stated or not stated:
         return []
-    return [("95 % intervals by", f"frames that are {INTERVALS.apart_s:g} s apart" if timed else "frames")]
+    return [("95 % intervals by", f"frames that are {WORKING.apart_s:g} s apart" if timed else "frames")]
 
 
 def _number(value: Any) -> str:

@@ -16,6 +16,7 @@ from simgrab.judge.check.report import Outcome, Report, anchor
 from simgrab.judge.check.table import cells
 from simgrab.judge.check.trial import Trial
 from simgrab.judge.check.verdicts import Verdict
+from simgrab.judge.check.worst import WorstFrame
 from simgrab.judge.evaluate.page import chain, trace
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import grab_centre, swing_of
@@ -23,7 +24,6 @@ from simgrab.model.truth import Row
 from simgrab.reports import html
 
 _HEAD = ("figure", "result", "value", "limit", "baseline (may be worse by)", "best constant answer", "last value")
-_WORST, _WITHOUT = 4, 2  # frames that are shown: of the largest errors, and without an angle
 _MEASURED = (255, 60, 0)  # BGR: blue, as the measured angle in the figures
 _GOLDEN_WIDTH_PX = 1200
 _MEANINGS = {
@@ -63,7 +63,7 @@ def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
         "causes": outcome.causes,
         "table": _table(outcome.verdicts),
         "trace": trace(trial.run, trial.known) if trial and trial.run and trial.known else None,
-        "worst": list(_worst(trial, outcome.verdicts)) if trial else [],
+        "worst": list(_drawn(trial, outcome.worst)) if trial else [],
         "budget": None if budget is None else chain(budget),
         "golden": [(file, _golden(picture)) for file, picture in outcome.pictures.items()],
     }
@@ -84,39 +84,13 @@ def _table(verdicts: Sequence[Verdict]) -> dict[str, Any]:
     }
 
 
-def _worst(trial: Trial, verdicts: Sequence[Verdict]) -> Iterator[tuple[bytes, str]]:
-    """Draw the frames of the largest errors, and the first labelled ones without an angle, with a caption each.
-
-    Errors are those of the angle, and of the centre if a limit on it failed.
-    """
-    if trial.run is None or trial.known is None:
-        return
-    run, known = trial.run, trial.known
-    errors = np.abs(run.alpha - known.alpha)
-    worst = np.argsort(-errors)[: np.isfinite(errors).sum()]  # NaN comes last
-    without = np.flatnonzero(~np.isfinite(run.alpha) & known.labelled)
-    apart = 1 if run.time is None else max(len(errors) // 10, 1)  # frames that follow each other look the same
-    centres = {c.frame: c.off_px for c in trial.centres}
-    astray: list[int] = []
-    if any(v.status == "failed" and v.what.startswith("detection.centre") for v in verdicts):
-        off_px = {i: centres[row.frame] for i, row in enumerate(known.rows) if row and row.frame in centres}
-        astray = sorted(off_px, key=lambda i: -off_px[i])
-    chosen = [*_spread(worst.tolist(), apart, _WORST), *_spread(without.tolist(), apart, _WITHOUT)]
-    for i in dict.fromkeys([*_spread(astray, apart, _WORST), *chosen]):
-        row, measured = known.rows[i], run.measurements[i]
-        if row is not None:
-            picture, off = pictures.read(trial.dataset.image(row))[..., ::-1], centres.get(row.frame)
-            caption = _caption(row, measured) + ("" if off is None else f", centre {off:.1f} px off")
-            yield pictures.encode(_annotated(picture, row, measured), "jpeg", 80), caption
-
-
-def _spread(frames: Sequence[int], apart: int, most: int) -> list[int]:
-    """Choose the first frames that are so many apart."""
-    chosen: list[int] = []
-    for i in frames:
-        if len(chosen) < most and all(abs(i - other) >= apart for other in chosen):
-            chosen.append(i)
-    return chosen
+def _drawn(trial: Trial, frames: Sequence[WorstFrame]) -> Iterator[tuple[bytes, str]]:
+    """Draw truth and measurement of frames, with a caption each."""
+    for one in frames:
+        picture = pictures.read(trial.dataset.image(one.row))[..., ::-1]
+        caption = _caption(one.row, one.measured)
+        caption += "" if one.centre_off_px is None else f", centre {one.centre_off_px:.1f} px off"
+        yield pictures.encode(_annotated(picture, one.row, one.measured), "jpeg", 80), caption
 
 
 def _annotated(picture: Picture, row: Row, measured: Measurement) -> Picture:

@@ -20,6 +20,7 @@ from simgrab.io.parse import read_json
 from simgrab.judge.check.causes import causes
 from simgrab.judge.check.trial import Metrics, Trial
 from simgrab.judge.check.verdicts import Verdict
+from simgrab.judge.check.worst import WorstFrame, worst_frames
 
 RESULT, JUNIT, PAGE, PICTURES = "check.json", "junit.xml", "check.html", "golden"
 
@@ -58,6 +59,11 @@ class Outcome:
             return ""
         compared = any(verdict.reference is not None for verdict in failed)
         return " ".join(causes(self.trial, [verdict.what for verdict in failed], compared=compared))
+
+    @cached_property
+    def worst(self) -> list[WorstFrame]:
+        """Frames with the largest errors, and those without an angle."""
+        return [] if self.trial is None else list(worst_frames(self.trial, self.verdicts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +116,8 @@ def as_json(report: Report) -> bytes:
         "status": "passed" if report.passed else "failed",
         "verdicts": msgspec.to_builtins(report.verdicts), "notes": report.notes,
         "metrics": {name: scene.metrics for name, scene in report.scenes.items()},
+        "causes": {name: scene.causes for name, scene in report.scenes.items() if scene.causes},
+        "worst_frames": {name: [one.plain() for one in scene.worst] for name, scene in report.scenes.items()},
         "seconds": {name: round(scene.seconds, 3) for name, scene in report.scenes.items()},
         "pictures": [f"{PICTURES}/{name}" for name in report.pictures],
     }  # fmt: skip

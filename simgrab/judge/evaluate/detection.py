@@ -21,6 +21,7 @@ from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
+from simgrab.model.scenario import OrangePeel
 from simgrab.model.truth import Boxed, Row
 
 _NORMAL = 1.96
@@ -68,6 +69,8 @@ class Case(Boxes):
     detection : Detection
     dataset : str
         Name that separates its worlds from those of other datasets.
+    has_yaw : bool
+        Whether the grab looks the same after half a turn only: the tines of an orange-peel grab look alike.
     """
 
     truth: Row
@@ -75,6 +78,7 @@ class Case(Boxes):
     weather: str
     detection: Detection
     dataset: str = ""
+    has_yaw: bool = True
 
     @property
     def world(self) -> tuple[str, int | None]:
@@ -99,8 +103,10 @@ class Case(Boxes):
 
 def cases(dataset: Dataset, detections: Sequence[Detection]) -> list[Case]:
     """Join a dataset's rows with their detections, in the rows' order."""
+    scenario = dataset.scenario
+    has_yaw = "grab" in scenario.vary or not isinstance(scenario.grab, OrangePeel)
     return [
-        Case(row, dataset.is_labelled(row), dataset.weather(row), found, str(dataset.path))
+        Case(row, dataset.is_labelled(row), dataset.weather(row), found, str(dataset.path), has_yaw)
         for row, found in zip(dataset.rows, detections, strict=True)
     ]
 
@@ -279,7 +285,7 @@ def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:
 
 
 def coverage(hits: Sequence[Case]) -> dict[str, float | None]:
-    """Share of errors within ±1.96 stated deviations: of box edges, centre coordinates and yaw."""
+    """Share of errors within ±1.96 stated deviations: of box edges, centre coordinates and yaw; None without any."""
     inside: dict[str, list[bool]] = {"box": [], "centre": [], "yaw": []}
     for case in hits:
         d, t = case.detection, case.truth
@@ -287,6 +293,6 @@ def coverage(hits: Sequence[Case]) -> dict[str, float | None]:
             inside["box"] += list(np.abs(d.box - _box(case)) <= _NORMAL * d.box_sd_px)
         if d.centre is not None and d.centre_sd_px is not None and t.grab_u_px is not None:
             inside["centre"] += list(np.abs(d.centre - labels.centre(t)) <= _NORMAL * d.centre_sd_px)
-        if d.yaw is not None and d.yaw_sd is not None:
+        if case.has_yaw and d.yaw is not None and d.yaw_sd is not None:
             inside["yaw"].append(abs(labels.half_turn(d.yaw - labels.yaw(t))) <= _NORMAL * d.yaw_sd)
     return {name: float(np.mean(some)) if some else None for name, some in inside.items()}

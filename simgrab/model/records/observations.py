@@ -25,7 +25,7 @@ class Detection:
         Position of the grab centre A in the picture, which is not the centre of the box; None if not output.
     yaw : float or None
         Direction of the grab's x axis in the picture at A, clockwise from the picture's x axis, rad, in [0, π): the
-        grab looks the same after half a turn.
+        grab looks the same after half a turn. None where it is not determined, as mostly of orange-peel grabs.
     box_sd_px : ndarray, shape (4,), or None
     centre_sd_px : ndarray, shape (2,), or None
     yaw_sd : float or None

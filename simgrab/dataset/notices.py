@@ -1,0 +1,70 @@
+"""What a scene states without effect, and which of its frames are alike: worth a line before they are rendered."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from simgrab.dataset.stored import split
+from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid
+from simgrab.model.truth import SPLITS
+from simgrab.world.extensions import Recipe
+
+FEW_WORLDS = 100
+"""Beyond these, shares of worlds are close to those stated."""
+FAR = 2.0
+"""Ratio of a split's worlds to those stated, from which on it is named."""
+
+
+def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
+    """Return a line for each thing that a user may not expect; ``splits``: whether frames are divided."""
+    scenario = recipe.scenario
+    if recipe.extensions.trajectory is None:
+        lines = _of_independent(recipe) if isinstance(scenario.swing, Iid) else _of_clips(recipe)
+    else:
+        lines = []
+    return lines + (_of_splits(recipe) if splits else [])
+
+
+def _of_independent(recipe: Recipe) -> list[str]:
+    scenario, lines = recipe.scenario, list[str]()
+    assert isinstance(scenario.swing, Iid)
+    if scenario.camera.mount != Camera().mount:
+        lines.append('camera.mount has no effect on independent frames (swing.model = "iid"): nothing moves the camera')
+    world = scenario.clip.clip_frames if recipe.varies else scenario.frames
+    if scenario.swing.absent * min(world, scenario.frames) > 1:
+        lines.append(
+            f"swing.absent: frames without the grab are one picture in each world of {world} frames, but for noise, "
+            "rain, snow and the display; "
+            + ("lower clip.clip_frames" if recipe.varies else "give the scene [vary] and clip.clip_frames")
+        )
+    return lines
+
+
+def _of_clips(recipe: Recipe) -> list[str]:
+    scenario, swing = recipe.scenario, recipe.scenario.swing
+    assert isinstance(swing, Dynamic)
+    clips = scenario.clip.count(scenario.frames)
+    wind, vibration = swing.wind, scenario.camera.mount.vibration
+    random = (wind.mean_m_s * wind.intensity, swing.forcing.rms_m_s2, vibration.rms_deg)
+    if clips == 1 or recipe.varies or any(random) or (isinstance(swing.work, Cycles) and swing.work.variation):
+        return []
+    return [
+        f"all {clips} clips have the same motion, since nothing in it is random: set swing.wind.mean_m_s or "
+        "swing.forcing.rms_m_s2, or give the scene [vary]"
+    ]
+
+
+def _of_splits(recipe: Recipe) -> list[str]:
+    """Name few worlds, each of which lies in one split, whose shares are far from those stated."""
+    scenario = recipe.scenario
+    clips = scenario.clip.count(scenario.frames)
+    worlds = scenario.slowest_draw(clips - 1) + 1
+    if not 1 < worlds <= FEW_WORLDS or (isinstance(scenario.swing, Iid) and not recipe.varies):
+        return []
+    firsts = {scenario.slowest_draw(clip): scenario.span(clip).start for clip in reversed(range(clips))}
+    found = Counter(split(recipe, frame) for frame in firsts.values())
+    stated = [(name, worlds * getattr(scenario.splits, name)) for name in SPLITS]
+    if all(share / FAR <= found[name] <= share * FAR for name, share in stated):
+        return []
+    got = ", ".join(f"{name} {found[name]} (stated {share:g})" for name, share in stated)
+    return [f"splits: a world lies in one split, and few are shared unevenly: {got}; render more worlds, or set seed"]
