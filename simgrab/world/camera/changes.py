@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.world.camera.lens import Window
+
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels of the picture, half open; may reach beyond it
 
 TILE_PX = 32
 CELL_PX = 8
