@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import mujoco
@@ -309,13 +310,25 @@ class Renderer:
         ndarray of bool, shape (h·samples, w·samples)
         """
         self._gather(moment, grab_only=True)
+        draw = partial(self._passes.identify, with_depth=False)
         if self._aim.lens is None:
             x0, y0, x1, y1 = (max(samples, 1) * v for v in window)
-            return self._draw_tiles((x0, y0, x1, y1), max(samples, 1), with_depth=False)[0] == GRAB
+            return self._draw_tiles((x0, y0, x1, y1), max(samples, 1), draw)[0] == GRAB
         finer = samples or LENS_SAMPLES
         lens = self._aim.lens.map(window, finer, enlarged=samples > 0)
-        ids = self._draw_tiles(lens.source, finer, with_depth=False)[0]
+        (ids,) = self._draw_tiles(lens.source, finer, draw)
         return lens.resample(ids, cv2.INTER_NEAREST, NOTHING) == GRAB
+
+    def grab_views(self, moment: Moment, window: Window) -> tuple[NDArray[np.bool_], View]:
+        """`silhouette` and `view` of one window, which take one drawing of the grab."""
+        self._gather(moment)
+        lens = self._aim.lens.map(window, LENS_SAMPLES) if self._aim.lens else None
+        source, finer = (lens.source, LENS_SAMPLES) if lens else (window, 1)
+        alone, ids, buffer = self._draw_tiles(source, finer, self._passes.identify_grab_first)
+        if lens:
+            alone = lens.resample(alone, cv2.INTER_NEAREST, NOTHING)
+        view = _bent(lens, window, ids, buffer, 0.0)
+        return alone == GRAB, View(window, view.ids, _metres(view.depth))
 
     def coarse_view(self, moment: Moment) -> View:
         """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
@@ -347,7 +360,7 @@ class Renderer:
         source = lens.source if lens else window
         if source == self._aim.drawn and (finer == 1 or not lens):
             return _bent(lens, window, *self._draw_whole(moment))
-        ids, buffer = self._draw_tiles(source, finer if lens else 1)
+        ids, buffer = self._draw_tiles(source, finer if lens else 1, self._passes.identify)
         view = _bent(lens, window, ids, buffer, 0.0)
         return View(window, view.ids, _metres(view.depth))  # of the few pixels that are left
 
@@ -498,12 +511,11 @@ class Renderer:
         return [(x0, height - y1, x1, height - y0) for x0, y0, x1, y1 in windows]
 
     def _draw_tiles(
-        self, window: Window, finer: int, *, with_depth: bool = True
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Ids and depth buffer of a window of the undistorted picture, in tiles that fit the framebuffer."""
+        self, window: Window, finer: int, draw: Callable[..., tuple[NDArray[Any], ...]]
+    ) -> list[NDArray[Any]]:
+        """Draw buffers of a window of the undistorted picture, in tiles that fit the framebuffer."""
         x0, y0, x1, y1 = window
-        ids = np.empty((y1 - y0, x1 - x0), np.uint8)
-        depth = np.empty(ids.shape if with_depth else (0, 0), np.float32)
+        found = list[NDArray[Any]]()
         for y in range(y0, y1, self._aim.size[1]):
             for x in range(x0, x1, self._aim.size[0]):
                 tile = (x, y, min(x + self._aim.size[0], x1), min(y + self._aim.size[1], y1))
@@ -511,9 +523,11 @@ class Renderer:
                 rect, (left, top, right, bottom) = self.aim(tile, self._scene, finer), (v / finer for v in tile)
                 near, _, _, low = self._aim.drawn
                 some = self._geoms_in((left - near, low - bottom, right - near, low - top))
-                own, buffer = self._passes.identify(self._scene, rect, some, with_depth=with_depth)
-                ids[at], depth[at] = own[::-1], buffer[::-1]
-        return ids, depth
+                parts = draw(self._scene, rect, some)
+                found = found or [np.empty((y1 - y0, x1 - x0), part.dtype) for part in parts]
+                for whole, part in zip(found, parts, strict=True):
+                    whole[at] = part[::-1]
+        return found
 
 
 def _bent(
