@@ -42,7 +42,8 @@ class Price:
 
     def __str__(self) -> str:
         worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
-        return f"{self.frames} frames{worlds}: about {_duration(self.seconds)} and {decimal(self.size)}"
+        checked = ", with the check of all worlds," if self.worlds > 1 else ""
+        return f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}"
 
 
 def measured(recipe: Recipe, workers: int) -> Price:
