@@ -20,7 +20,7 @@ from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.projection import Projection, project
-from simgrab.world.scenery.plan import Plan, draw_up
+from simgrab.world.scenery.plan import Plan, adapted, draw_up, replanned
 from simgrab.world.trajectory.trajectory import Trajectory
 
 T = TypeVar("T")
@@ -124,26 +124,35 @@ def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
             pool.check()
 
 
-def vet(recipe: Recipe, number: int = 0) -> Vetted:
-    """Refuse a variant with an impossible frame.
+def vet(recipe: Recipe, frames: FrameNumbers | None = None, tick: Tick | None = None) -> Vetted:
+    """Refuse impossible frames.
 
     Parameters
     ----------
     recipe : Recipe
-    number : int
-        Number of the variant, which is that of its clip.
+    frames : sequence of int, optional
+        Those of a clip together; all frames unless given.
+    tick : callable, optional
+        Called after each variant.
     """
-    scenario = recipe.scenario
-    span = scenario.span(number) if recipe.varies else range(scenario.frames)
-    one, k = recipe.variant(span.start), scenario.camera.intrinsics
-    plan = draw_up(one.scenario, one.draws)
-    trajectory = Trajectory(one.scenario, recipe.extensions, plan)
-    seen, kept = 0, dict[int, Projection]()
-    for frame in span:  # all of them: each may be impossible
-        projection = project(one.scenario, plan, trajectory.at(frame))
-        seen += projection.meets(k.width_px, k.height_px)
-        if len(kept) < MOST_PROJECTIONS:
-            kept[frame] = projection
+    k = recipe.scenario.camera.intrinsics
+    seen, kept, plan, before = 0, dict[int, Projection](), None, None
+    numbers = range(recipe.scenario.frames) if frames is None else frames
+    for _, span in itertools.groupby(numbers, recipe.variant_number):
+        first = next(span)
+        one = recipe.variant(first)
+        if plan is None or before is None:
+            plan = draw_up(one.scenario, one.draws)
+        else:
+            plan = adapted(plan, before, one) or replanned(plan, before, one)
+        trajectory, before = Trajectory(one.scenario, recipe.extensions, plan), one
+        for frame in itertools.chain((first,), span):  # all of them: each may be impossible
+            projection = project(one.scenario, plan, trajectory.at(frame))
+            seen += projection.meets(k.width_px, k.height_px)
+            if len(kept) < MOST_PROJECTIONS:
+                kept[frame] = projection
+        if tick:
+            tick()
     return Vetted(seen, plan, kept)
 
 
@@ -161,10 +170,10 @@ def vetted(
         found = vet(recipe)
         refuse_unseen(scenario.frames, found.seen)
         return replace(found, plan=None) if elsewhere else found
-    worlds = [scenario.span(clip) for clip in range(scenario.clip.count(scenario.frames))]
-    done = report(checking, 0, len(worlds))
+    done = report(checking, 0, scenario.clip.count(scenario.frames))
+    alike = [tuple(some) for _, some in itertools.groupby(range(scenario.frames), recipe.slowest_draw)]
     with contextlib.closing(
-        map_items(recipe, None, worlds, _vet, workers=workers, cluster=cluster, progress=done)
+        map_items(recipe, None, alike, _vet, workers=workers, cluster=cluster, progress=done)
     ) as each:
         seen, kept = 0, dict[int, Projection]()
         for one in each:
@@ -175,9 +184,7 @@ def vetted(
 
 
 def _vet(generator: FrameGenerator, frames: FrameNumbers, tick: Tick) -> Vetted:
-    found = vet(generator.recipe, generator.scenario.clip.of(frames[0]))
-    tick()
-    return replace(found, plan=None)
+    return replace(vet(generator.recipe, frames, tick), plan=None)
 
 
 def refuse_unseen(frames: int, seen: int) -> None:

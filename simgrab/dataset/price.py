@@ -42,7 +42,8 @@ class Price:
 
     def __str__(self) -> str:
         worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
-        return f"{self.frames} frames{worlds}: about {_duration(self.seconds)} and {decimal(self.size)}"
+        checked = ", with the check of all worlds," if self.worlds > 1 else ""
+        return f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}"
 
 
 def measured(recipe: Recipe, workers: int) -> Price:
@@ -57,21 +58,20 @@ def measured(recipe: Recipe, workers: int) -> Price:
     ScenarioError, RendererError, ExtensionError
         If a frame is impossible.
     """
-    scenario, frames = recipe.scenario, recipe.scenario.frames
-    periods = _periods(recipe)
-    check = len(periods)  # its kind, beside those of frames
-    counts = [*_counts(periods, frames), scenario.clip.count(frames) if recipe.varies else 0]
+    frames, periods = recipe.scenario.frames, _periods(recipe)
+    groups = math.ceil(frames / periods[0])
+    check = len(periods)  # its kind, beside those of frames: of all frames of one place
+    counts = [*_counts(periods, frames), groups if recipe.varies else 0]
     walls, cores, sizes = ([list[float]() for _ in counts] for _ in range(3))
     begun = time.perf_counter()
-    groups = math.ceil(frames / periods[0])
     with FrameGenerator(recipe) as generator:
         for tried, place in enumerate(sorted({groups * n // _PLACES for n in range(_PLACES)}), 1):
             first = place * periods[0]
-            checked = [(check, first)] if recipe.varies else []
+            checked = [(check, first)] if recipe.varies and tried == 1 else []
             for kind, frame in [*checked, *_samples(periods, first, frames)]:
                 wall, core = time.perf_counter(), time.process_time()
                 if kind == check:
-                    vet(recipe, scenario.clip.of(frame))
+                    vet(recipe, range(frame, min(frame + periods[0], frames)))
                 else:
                     made = stored.make(generator, frame)
                     sizes[kind].append(sum(map(len, made.files.values())) + len(msgspec.json.encode(made.record)))

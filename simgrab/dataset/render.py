@@ -165,12 +165,10 @@ class _Folder:
         return [scenario.span(clip) for clip in sorted(clips)]
 
     def _groups(self, missing: Sequence[int]) -> list[FrameNumbers]:
-        scenario, varies = self._recipe.scenario, self._recipe.varies
-        most = MOST_FETCHED if self._cluster is not None else 1
+        recipe, most = self._recipe, MOST_FETCHED if self._cluster is not None else 1
 
         def group(frame: int) -> object:
-            together = scenario.slowest_draw(scenario.clip.of(frame)) if varies else 0
-            return together, (frame // most if self._cluster or not varies else 0)
+            return recipe.slowest_draw(frame), (frame // most if self._cluster or not recipe.varies else 0)
 
         return [tuple(frames) for _, frames in groupby(missing, key=group)]
 

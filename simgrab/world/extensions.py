@@ -231,6 +231,10 @@ class Recipe:
         """Index of a frame's variant; 0 for all frames if nothing varies."""
         return self.scenario.clip.of(frame) if self.varies else 0
 
+    def slowest_draw(self, frame: int) -> int:
+        """Index of what a frame shows of the table that is drawn least often; 0 for all frames if nothing varies."""
+        return self.scenario.slowest_draw(self.variant_number(frame)) if self.varies else 0
+
 
 def _find(role: str, given: F | str) -> F:
     if callable(given):

@@ -21,7 +21,7 @@ from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.label import label
 from simgrab.world.projection import Projection
 from simgrab.world.scene import Scene
-from simgrab.world.scenery.plan import Plan
+from simgrab.world.scenery.plan import Plan, replanned
 from simgrab.world.trajectory.moment import Moment
 
 T = TypeVar("T")
@@ -138,7 +138,8 @@ class FrameGenerator:
             if not self._scene.revise(variant, extensions):
                 before, self._scene = self._scene, None
                 before.close()  # before another is built, which may fail
-                self._scene = Scene(variant, extensions, before.replanned(variant))
+                plan = replanned(before.world.plan, before.variant, variant)
+                self._scene = Scene(variant, extensions, plan)
             self._revised = False
         return self._scene
 

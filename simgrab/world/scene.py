@@ -13,7 +13,7 @@ from simgrab.world.camera.renderer import Renderer
 from simgrab.world.extensions import NO_EXTENSIONS, Extensions
 from simgrab.world.projection import Projection, project
 from simgrab.world.scenery import model
-from simgrab.world.scenery.plan import Plan, adapted, draw_up, place_of
+from simgrab.world.scenery.plan import Plan, adapted, draw_up, replanned
 from simgrab.world.trajectory.trajectory import Trajectory
 
 
@@ -73,25 +73,14 @@ class Scene:
         old, new = self.scenario, variant.scenario
         if not self.renderer.takes(new):
             return False
-        plan = adapted(self.world.plan, old, new) if variant.draws == self.variant.draws else None
-        world = replace(self.world, plan=plan) if plan else model.build(new, self.replanned(variant))
+        before, world = (self.world.plan, self.variant, variant), self.world
+        plan = adapted(*before)
+        world = replace(world, plan=plan) if plan else model.build(new, replanned(*before))
         camera, trajectory = Camera(new), Trajectory(new, extensions, world.plan)
         self.renderer.revise(world, old, new)
         self.variant, self.scenario, self.world = variant, new, world
         self.camera, self.trajectory, self._metered = camera, trajectory, None
         return True
-
-    def replanned(self, variant: Variant) -> Plan:
-        """Plan the world of another variant, reusing this one's place if it is the same.
-
-        Raises
-        ------
-        ScenarioError
-            If the camera would be in the jib's steel.
-        """
-        alike = variant.draws.place == self.variant.draws.place
-        place = place_of(self.world.plan, self.scenario, variant.scenario) if alike else None
-        return draw_up(variant.scenario, variant.draws, place)
 
     def project(self, frame: int) -> Projection:
         """Project a frame's moment."""

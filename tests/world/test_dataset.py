@@ -86,6 +86,14 @@ def test_two_workers_give_the_same_bytes(dataset, scene, tmp_path):
     assert digest(tmp_path / "two") == digest(dataset)
 
 
+def test_levels_of_variation_are_the_same_with_two_workers(tmp_path):
+    vary = {key: {"dist": "uniform", "low": 0.2, "high": 1.0} for key in ("grab.wear", "light.sun")}
+    levels = small_scene(frames=6, clip__clip_frames=1, vary=vary, every={"grab": 3}, image__samples=0)
+    for workers in (1, 2):
+        render(levels, tmp_path / str(workers), workers=workers)
+    assert digest(tmp_path / "1") == digest(tmp_path / "2")
+
+
 def test_the_manifest_and_the_command_line_give_the_same_bytes(dataset, tmp_path):
     render(scenes.load(dataset / "manifest.json"), tmp_path / "again")
     assert digest(tmp_path / "again") == digest(dataset)

@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 from dataclasses import replace
 
+import cv2
 import msgspec
 import mujoco
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 from conftest import slow_but, small_scene
 
 import simgrab
+from simgrab.model.geometry import Distortion, Intrinsics
 from simgrab.world import gl
 from simgrab.world.camera import changes
+from simgrab.world.camera.lens import Lens
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery import model
 from simgrab.world.scenery.model import FAR_M, HIDDEN, NEAR_M
@@ -162,3 +165,20 @@ def test_rectangles_hold_what_is_before_the_near_plane():
         seen = inside[inside[:, 2] >= 0.1]
         at = 400.0 * seen[:, :2] / seen[:, 2:] + (240.0, 135.0)
         assert ((at >= (x0, y0)) & (at <= (x1, y1))).all()
+
+
+@pytest.mark.parametrize("interpolation", [cv2.INTER_CUBIC, cv2.INTER_NEAREST])
+def test_bending_what_changed_is_bending_the_whole_picture(interpolation):
+    rng = np.random.default_rng(0)
+    k = Intrinsics(400, 300, 330.0, 200.0, 150.0, Distortion(k1=-0.12, p1=0.01))
+    bent = Lens(k).map((0, 0, 400, 300))
+    width, height = (bent.source[i + 2] - bent.source[i] for i in (0, 1))
+    before = rng.integers(0, 256, (height, width, 3), np.uint8)
+    for _ in range(30):
+        x, y = (np.sort(rng.integers(0, n + 1, 2)).tolist() for n in (width, height))
+        after = before.copy()
+        after[y[0] : y[1], x[0] : x[1]] += 100
+        over = bent.resample_over(
+            bent.resample(before, interpolation), after, [(x[0], y[0], x[1], y[1])], interpolation
+        )
+        assert (over == bent.resample(after, interpolation)).all()

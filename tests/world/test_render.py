@@ -91,6 +91,18 @@ def test_windows_larger_than_the_buffer_are_drawn_in_tiles(generator):
     assert wide.sum() == pytest.approx(tight.sum(), rel=0.01)
 
 
+@pytest.mark.parametrize("k1", [0.0, -0.1])
+def test_silhouette_and_view_of_the_grab_are_the_same_drawn_together(k1):
+    with FrameGenerator(small_scene(frames=3, camera__distortion={"k1": k1})) as generator:
+        for frame in range(3):
+            projection, renderer = generator.project(frame), generator.scene(frame).renderer
+            silhouette, view = renderer.grab_views(projection.moment, projection.window)
+            alone = renderer.view(projection.moment, projection.window)
+            assert (silhouette == renderer.silhouette(projection.moment, projection.window)).all()
+            assert (view.ids == alone.ids).all()
+            assert (view.depth == alone.depth).all()
+
+
 @pytest.mark.parametrize("frame", range(4))
 def test_the_amodal_box_bounds_the_drawn_silhouette(generator, frame):
     projection, renderer = generator.project(frame), generator.scene(frame).renderer

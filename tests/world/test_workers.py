@@ -80,3 +80,14 @@ def test_a_containers_limits_hold(computer, tmp_path, files, expected):
     for name, text in files.items():
         (tmp_path / name).write_text(text + "\n")
     assert (machine.cores(), machine.free_bytes()) == expected
+
+
+def test_checking_worlds_together_finds_what_checking_each_finds():
+    scene = simgrab.load("training", {"frames": 24, "every": {"place": 16, "grab": 16, "swing": 16}})
+    recipe, ticks = Recipe(scene), list[int]()
+    together = pool.vet(recipe, range(24), lambda: ticks.append(1))
+    each = [pool.vet(recipe, scene.span(clip)) for clip in range(3)]
+    assert (together.seen, len(ticks)) == (sum(one.seen for one in each), 3)
+    for frame, projection in ((f, p) for one in each for f, p in one.projections.items()):
+        assert (together.projections[frame].centre_camera == projection.centre_camera).all()
+        assert (together.projections[frame].keypoints_camera == projection.keypoints_camera).all()

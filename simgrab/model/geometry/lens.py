@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -160,9 +159,9 @@ class Intrinsics:
         """Ideal pixels of all pixels' centres, shape (height, width, 2); NaN beyond the fold of the lens."""
         return self._to_pixels(_normalised_centres(self))
 
-    def rays_of_centres(self) -> Iterator[Array]:
-        """Give, row by row, unit rays (width, 3), camera frame, through the centres of all pixels."""
-        yield from map(self._through, _normalised_centres(self))
+    def normalised_centres(self) -> Array:
+        """Undistorted (x, y) at unit depth of all pixels' centres, shape (height, width, 2); NaN beyond the fold."""
+        return _normalised_centres(self)
 
     @staticmethod
     def _through(xy: Array) -> Array:
@@ -212,15 +211,15 @@ class Intrinsics:
 
 @lru_cache(maxsize=1)
 def _normalised_centres(intrinsics: Intrinsics) -> Array:
-    """Undistorted (x, y) at unit depth of all pixels' centres, shape (height, width, 2); the last camera's are kept."""
+    """`Intrinsics.normalised_centres`; the last camera's are kept."""
     w, h = intrinsics.width_px, intrinsics.height_px
     centred = (intrinsics.cx_px, intrinsics.cy_px) == (w / 2, h / 2) and intrinsics.distortion.is_radial
     columns, rows = ((w + 1) // 2, (h + 1) // 2) if centred else (w, h)  # the other quarters mirror the first one
     u, v = np.arange(columns) + 0.5, np.arange(rows) + 0.5
-    found = intrinsics.distortion.remove(intrinsics._from_pixels(np.stack(np.meshgrid(u, v), axis=-1)))
-    if centred:
-        found = np.concatenate([found, np.flip(found[:, : w // 2], axis=1) * (-1, 1)], axis=1)
-        found = np.concatenate([found, np.flip(found[: h // 2], axis=0) * (1, -1)])
+    found = np.empty((h, w, 2))
+    found[:rows, :columns] = intrinsics.distortion.remove(intrinsics._from_pixels(np.stack(np.meshgrid(u, v), axis=-1)))
+    found[:rows, columns:] = found[:rows, : w - columns][:, ::-1] * (-1, 1)
+    found[rows:] = found[: h - rows][::-1] * (1, -1)
     found.setflags(write=False)
     return found
 

@@ -86,8 +86,11 @@ def observe(renderer: Renderer, projection: Projection, full: View | None = None
     inner = max(x0, 0), max(y0, 0), min(x1, k.width_px), min(y1, k.height_px)
     if not projection.meets(k.width_px, k.height_px):
         return NONE_VISIBLE
-    whole = renderer.silhouette(moment, projection.window)
-    visible = full.crop(inner) if full else renderer.view(moment, inner)
+    if full is None and inner == projection.window:
+        whole, visible = renderer.grab_views(moment, inner)
+    else:
+        whole = renderer.silhouette(moment, projection.window)
+        visible = full.crop(inner) if full else renderer.view(moment, inner)
     total = max(int(whole.sum()), 1)
     inside = whole[inner[1] - y0 : inner[3] - y0, inner[0] - x0 : inner[2] - x0]
     return Visibility(visible, int((visible.ids == GRAB).sum()) / total, int(inside.sum()) / total)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.world.camera.lens import Window
+
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels of the picture, half open; may reach beyond it
 
 TILE_PX = 32
 CELL_PX = 8
@@ -194,9 +195,10 @@ def _joint(some: Array, others: Array) -> Array:
 def _blocks(grid: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:
     """Cover the tiles of a grid by rectangles of tiles that do not overlap."""
     begun: dict[tuple[int, int], int] = {}
-    for number, row in enumerate([*grid, np.zeros(grid.shape[1], bool)]):
-        edges = np.flatnonzero(np.diff(row, prepend=False, append=False)).tolist()
-        runs = set(zip(edges[0::2], edges[1::2], strict=True))
+    rows, at = np.nonzero(np.diff(np.pad(grid, ((0, 1), (1, 1))), axis=1))  # the last row is empty: all runs end there
+    edges = np.split(at, np.searchsorted(rows, np.arange(1, len(grid) + 1)))
+    for number, ends in enumerate(map(np.ndarray.tolist, edges)):
+        runs = set(zip(ends[0::2], ends[1::2], strict=True))
         for run in sorted(begun.keys() - runs):
             yield run[0], begun.pop(run), run[1], number
         begun |= dict.fromkeys(runs - begun.keys(), number)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -10,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array, Intrinsics
+from simgrab.world.camera import changes
 
-Window = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels of the picture, half open; may reach beyond it
+Window = changes.Window
+KERNEL_PX = 3  # within which lie the pixels that resampling takes
 
 
 class PictureMap:
@@ -37,7 +40,39 @@ class PictureMap:
     def resample(self, picture: NDArray[Any], interpolation: int, outside: float = 0) -> NDArray[Any]:
         """Bend a picture of ``source``; ``interpolation`` is OpenCV's."""
         source = np.ascontiguousarray(picture)
-        return cv2.remap(source, self._map, None, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
+        return _resampled(source, self._map, interpolation, outside)
+
+    def resample_over(
+        self, before: NDArray[Any], picture: NDArray[Any], windows: Sequence[Window], interpolation: int,
+        outside: float = 0,
+    ) -> NDArray[Any]:  # fmt: skip
+        """Bend a picture that differs in windows alone from one of which ``before`` was made."""
+        result, source = before.copy(), np.ascontiguousarray(picture)
+        (low, high), (height, width) = self._extents, self._map.shape[:2]
+        grid = np.zeros(low.shape[:2], bool)
+        for window in windows:
+            start, end = np.array(window[:2]) - KERNEL_PX, np.array(window[2:]) + KERNEL_PX
+            grid |= ((high > start) & (low < end)).all(axis=-1)
+        for x0, y0, x1, y1 in changes.windows(grid, width, height, changes.COPY_PX):
+            result[y0:y1, x0:x1] = _resampled(source, self._map[y0:y1, x0:x1], interpolation, outside)
+        return result
+
+    @cached_property
+    def _extents(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Least and greatest place, in the undistorted picture, of each tile's pixels: shapes (rows, columns, 2)."""
+        low, high = (
+            of.reduceat(of.reduceat(self._map, _tiled(self._map, 0), axis=0), _tiled(self._map, 1), axis=1)
+            for of in (np.minimum, np.maximum)
+        )
+        return low, high
+
+
+def _tiled(values: NDArray[Any], axis: int) -> NDArray[np.int64]:
+    return np.arange(0, values.shape[axis], changes.TILE_PX)
+
+
+def _resampled(picture: NDArray[Any], at: NDArray[np.float32], interpolation: int, outside: float) -> NDArray[Any]:
+    return cv2.remap(picture, at, None, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
 
 
 class Lens:

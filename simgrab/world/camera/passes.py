@@ -25,7 +25,7 @@ from simgrab.model.geometry import Array
 from simgrab.world.camera.geoms import Geom
 from simgrab.world.camera.lens import Window
 from simgrab.world.gl import Offscreen
-from simgrab.world.scenery.model import FAR_M, NEAR_M
+from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M
 
 _SEGMENT, _IDCOLOR = mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR
 _SHADOW = mujoco.mjtRndFlag.mjRND_SHADOW
@@ -380,7 +380,7 @@ class Passes:
     def identify(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False,
         with_depth: bool = True,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:  # fmt: skip
+    ) -> tuple[NDArray[Any], ...]:  # fmt: skip
         """Draw the ids and depth of geoms, and keep them for `identify_over` or not; see `colour`.
 
         Returns
@@ -388,11 +388,21 @@ class Passes:
         ids : ndarray of uint8, shape (h, w)
             Groups of the geoms, 255 where there is none.
         depth : ndarray of float32, shape (h, w)
-            What the depth buffer has: 1 at the near plane, 0 at the far one; empty unless wanted.
+            What the depth buffer has: 1 at the near plane, 0 at the far one; left out unless wanted.
         """
         name = "kept_ids" if keep else "ids"
         self._identify(name, scene, rect, geoms, clear=True)
         return self._read_ids(name, (0, 0, rect.width, rect.height), with_depth=with_depth)
+
+    def identify_grab_first(
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Sequence[Geom]
+    ) -> tuple[NDArray[Any], ...]:
+        """Draw ids of the grab alone, and then ids and depth of all: it touches nothing that is listed before it."""
+        whole = (0, 0, rect.width, rect.height)
+        self._identify("ids", scene, rect, [geom for geom in geoms if geom.group == GRAB], clear=True)
+        alone = self._read_ids("ids", whole, with_depth=False)
+        self._identify("ids", scene, rect, [geom for geom in geoms if geom.group != GRAB], clear=False)
+        return alone + self._read_ids("ids", whole)
 
     def identify_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
@@ -404,7 +414,8 @@ class Passes:
         self._copy("ids", windows)
         self._identify("ids", scene, rect, moving, clear=False)
         for window in windows:
-            yield window, *self._read_ids("ids", window)
+            ids, depth = self._read_ids("ids", window)
+            yield window, ids, depth
 
     def _identify(
         self, name: str, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, clear: bool
@@ -418,11 +429,9 @@ class Passes:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
                 self._draw(geom, self._mesh(geom.number))
 
-    def _read_ids(
-        self, name: str, window: Window, *, with_depth: bool = True
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _read_ids(self, name: str, window: Window, *, with_depth: bool = True) -> tuple[NDArray[Any], ...]:
         x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
-        ids, depth = np.empty((height, width), np.uint8), np.empty((height, width) if with_depth else 0, np.float32)
+        ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target[name])
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
@@ -430,7 +439,7 @@ class Passes:
             GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         ids -= 1  # 0, which is nothing, becomes 255
-        return ids, depth
+        return (ids, depth) if with_depth else (ids,)
 
     def _copy(self, name: str, windows: Iterable[Window]) -> None:
         """Copy colours and depth of what is kept in windows."""

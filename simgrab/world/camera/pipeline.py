@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
+from simgrab.model.layouts import Layout
 from simgrab.model.rng import stream
 from simgrab.model.scenario import AutoExposure, Dynamic, Font, GeneratedFont, Iid, Scenario, Water
 from simgrab.world.camera import faces, lamps, shutter, weather
@@ -56,7 +57,6 @@ class Camera:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._overlay = lru_cache(maxsize=1)(partial(_overlay, scenario))
         self._still: Still | None = None
         exposure = scenario.optics.exposure
         self.has_memory = isinstance(exposure, AutoExposure) and exposure.lag_s > 0
@@ -103,8 +103,9 @@ class Camera:
     def _finished(self, buffers: Buffers, rgb: Picture) -> Picture:
         """Put the display into a picture and code it."""
         shown = buffers.projection.nominal.shown
-        if shown and self._scenario.display_layout:
-            rgb = self._overlay(self._font(buffers.projection.nominal.frame)).blend(rgb, shown)
+        layout = self._scenario.display_layout
+        if shown and layout:
+            rgb = _overlay(layout, self._font(buffers.projection.nominal.frame)).blend(rgb, shown)
         return recompress(rgb, self._scenario.optics.recompress_quality)
 
     def _font(self, frame: int) -> Font:
@@ -176,9 +177,8 @@ class Camera:
         return [Lamp(_vector(SUN_M * towards), SUN_SHARE * light.sun)]
 
 
-def _overlay(scenario: Scenario, font: Font) -> Overlay:
-    layout = scenario.display_layout
-    assert layout is not None
+@lru_cache(maxsize=4)  # worlds in turn have one of a few layouts
+def _overlay(layout: Layout, font: Font) -> Overlay:
     return Overlay(layout, faces.face(font), faces.ink(font))
 
 

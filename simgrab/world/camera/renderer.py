@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import mujoco
@@ -93,7 +94,7 @@ class _Aim:
     target: Target | None = None
     still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
     still_coarse: View | None = None
-    backdrop: tuple[NDArray[np.uint8], NDArray[np.int32] | None] | None = None
+    backdrop: tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32] | None] | None = None
     photograph: int = -1
 
     @classmethod
@@ -255,8 +256,7 @@ class Renderer:
         self._gather(moment)
         if self._background:
             self._show(self._background, moment.frame)
-        rgb = self._draw_rgb(moment)
-        return self._aim.lens.map(self.full).resample(rgb, cv2.INTER_CUBIC) if self._aim.lens else rgb
+        return self._draw_rgb(moment)
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -310,18 +310,39 @@ class Renderer:
         ndarray of bool, shape (h·samples, w·samples)
         """
         self._gather(moment, grab_only=True)
+        draw = partial(self._passes.identify, with_depth=False)
         if self._aim.lens is None:
             x0, y0, x1, y1 = (max(samples, 1) * v for v in window)
-            return self._draw_tiles((x0, y0, x1, y1), max(samples, 1), with_depth=False)[0] == GRAB
+            return self._draw_tiles((x0, y0, x1, y1), max(samples, 1), draw)[0] == GRAB
         finer = samples or LENS_SAMPLES
         lens = self._aim.lens.map(window, finer, enlarged=samples > 0)
-        ids = self._draw_tiles(lens.source, finer, with_depth=False)[0]
+        (ids,) = self._draw_tiles(lens.source, finer, draw)
         return lens.resample(ids, cv2.INTER_NEAREST, NOTHING) == GRAB
+
+    def grab_views(self, moment: Moment, window: Window) -> tuple[NDArray[np.bool_], View]:
+        """`silhouette` and `view` of one window, which take one drawing of the grab."""
+        self._gather(moment)
+        lens = self._aim.lens.map(window, LENS_SAMPLES) if self._aim.lens else None
+        source, finer = (lens.source, LENS_SAMPLES) if lens else (window, 1)
+        alone, ids, buffer = self._draw_tiles(source, finer, self._passes.identify_grab_first)
+        if lens:
+            alone = lens.resample(alone, cv2.INTER_NEAREST, NOTHING)
+        view = _bent(lens, window, ids, buffer, 0.0)
+        return alone == GRAB, View(window, view.ids, _metres(view.depth))
 
     def coarse_view(self, moment: Moment) -> View:
         """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
+        still, lens = self.still_view(moment), self._aim.lens
         self._gather(moment)
-        return self._view(moment, self.full, 1)
+        if still is None or lens is None:
+            return self._view(moment, self.full, 1)
+        ids, depth, windows = self._draw_over()
+        bent, nearest = lens.map(self.full), cv2.INTER_NEAREST
+        return View(
+            self.full,
+            bent.resample_over(still.ids, ids, windows, nearest, NOTHING),
+            bent.resample_over(still.depth, depth, windows, nearest, FAR_M),
+        )
 
     def still_view(self, moment: Moment) -> View | None:
         """Coarse view of what stands still, always the same one; None while camera or crane does not."""
@@ -339,7 +360,7 @@ class Renderer:
         source = lens.source if lens else window
         if source == self._aim.drawn and (finer == 1 or not lens):
             return _bent(lens, window, *self._draw_whole(moment))
-        ids, buffer = self._draw_tiles(source, finer if lens else 1)
+        ids, buffer = self._draw_tiles(source, finer if lens else 1, self._passes.identify)
         view = _bent(lens, window, ids, buffer, 0.0)
         return View(window, view.ids, _metres(view.depth))  # of the few pixels that are left
 
@@ -378,8 +399,8 @@ class Renderer:
             self._aim.still = ids, _metres(buffer)
         return self._aim.still
 
-    def _still_rgb(self) -> tuple[NDArray[np.uint8], NDArray[np.int32] | None]:
-        """Picture of what stands still, and the cell of the shadow map for each pixel; None without shadows."""
+    def _still_rgb(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32] | None]:
+        """Picture of what stands still, as drawn and through the lens; each pixel's cell of the shadow map, if any."""
         if self._aim.backdrop is None:
             scene, passes, cells = self._scene, self._passes, None
             stand = [geom for geom in self._geoms if geom.stands]
@@ -394,7 +415,9 @@ class Renderer:
                 passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
             rect = self.aim(self._aim.drawn, scene)
             rgb = passes.colour(scene, rect, stand, shadowed=self._aim.shadowed, keep=True)
-            self._aim.backdrop = rgb, cells
+            lens, upright = self._aim.lens, rgb[::-1]
+            seen = lens.map(self.full).resample(upright, cv2.INTER_CUBIC) if lens else upright
+            self._aim.backdrop = rgb, seen, cells
         return self._aim.backdrop
 
     def _moving_boxes(self) -> Array:
@@ -433,14 +456,16 @@ class Renderer:
         return mujoco.MjrRect(0, 0, x1 - x0, y1 - y0)
 
     def _draw_rgb(self, moment: Moment) -> NDArray[np.uint8]:
-        """Draw the undistorted picture."""
-        scene, passes = self._scene, self._passes
+        """Draw the picture as the lens shows it."""
+        scene, passes, lens = self._scene, self._passes, self._aim.lens
+        bent = lens.map(self.full) if lens else None
         if not self._at_rest(moment):
             if self._aim.shadowed:
                 passes.shade(scene, self._geoms)
             rect = self.aim(self._aim.drawn, scene)
-            return passes.colour(scene, rect, self._geoms, shadowed=self._aim.shadowed)[::-1]
-        (backdrop, receivers), boxes = self._still_rgb(), self._moving_boxes()
+            rgb = passes.colour(scene, rect, self._geoms, shadowed=self._aim.shadowed)[::-1]
+            return bent.resample(rgb, cv2.INTER_CUBIC) if bent else rgb
+        (backdrop, seen, receivers), boxes = self._still_rgb(), self._moving_boxes()
         grid = self._covered(boxes)
         rgb, redrawn, moving = backdrop.copy(), [], [geom for geom in self._geoms if geom.moves]
         if receivers is not None:
@@ -457,30 +482,40 @@ class Renderer:
             scene, rect, moving, windows, redrawn, shadowed=self._aim.shadowed
         ):
             rgb[y0:y1, x0:x1] = part
-        return rgb[::-1]
+        if bent is None:
+            return rgb[::-1]
+        return bent.resample_over(seen, rgb[::-1], self._upright(windows), cv2.INTER_CUBIC)
 
     def _draw_whole(self, moment: Moment) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of the undistorted picture."""
+        if self._at_rest(moment):
+            return self._draw_over()[:2]
+        rect = self.aim(self._aim.drawn, self._scene)
+        ids, buffer = self._passes.identify(self._scene, rect, self._geoms)
+        return ids[::-1], _metres(buffer)[::-1]
+
+    def _draw_over(self) -> tuple[NDArray[np.uint8], NDArray[np.float32], list[Window]]:
+        """Ids and depth at rest, and the windows in which they may differ from those of what stands still."""
         scene, passes = self._scene, self._passes
-        if not self._at_rest(moment):
-            rect = self.aim(self._aim.drawn, scene)
-            ids, buffer = passes.identify(scene, rect, self._geoms)
-            return ids[::-1], _metres(buffer)[::-1]
         (still_ids, still_depth), grid = self._still_buffers(), self._covered(self._moving_boxes())
         ids, depth = still_ids.copy(), still_depth.copy()
         rect, windows = self.aim(self._aim.drawn, scene), changes.windows(grid, *self._aim.size, changes.COPY_PX)
         moving = [geom for geom in self._geoms if geom.moves]
         for (x0, y0, x1, y1), own, buffer in passes.identify_over(scene, rect, moving, windows):
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
-        return ids[::-1], depth[::-1]
+        return ids[::-1], depth[::-1], self._upright(windows)
+
+    def _upright(self, windows: list[Window]) -> list[Window]:
+        """Windows of what is drawn, whose rows are counted from the bottom, with rows counted from the top."""
+        height = self._aim.size[1]
+        return [(x0, height - y1, x1, height - y0) for x0, y0, x1, y1 in windows]
 
     def _draw_tiles(
-        self, window: Window, finer: int, *, with_depth: bool = True
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Ids and depth buffer of a window of the undistorted picture, in tiles that fit the framebuffer."""
+        self, window: Window, finer: int, draw: Callable[..., tuple[NDArray[Any], ...]]
+    ) -> list[NDArray[Any]]:
+        """Draw buffers of a window of the undistorted picture, in tiles that fit the framebuffer."""
         x0, y0, x1, y1 = window
-        ids = np.empty((y1 - y0, x1 - x0), np.uint8)
-        depth = np.empty(ids.shape if with_depth else (0, 0), np.float32)
+        found = list[NDArray[Any]]()
         for y in range(y0, y1, self._aim.size[1]):
             for x in range(x0, x1, self._aim.size[0]):
                 tile = (x, y, min(x + self._aim.size[0], x1), min(y + self._aim.size[1], y1))
@@ -488,9 +523,11 @@ class Renderer:
                 rect, (left, top, right, bottom) = self.aim(tile, self._scene, finer), (v / finer for v in tile)
                 near, _, _, low = self._aim.drawn
                 some = self._geoms_in((left - near, low - bottom, right - near, low - top))
-                own, buffer = self._passes.identify(self._scene, rect, some, with_depth=with_depth)
-                ids[at], depth[at] = own[::-1], buffer[::-1]
-        return ids, depth
+                parts = draw(self._scene, rect, some)
+                found = found or [np.empty((y1 - y0, x1 - x0), part.dtype) for part in parts]
+                for whole, part in zip(found, parts, strict=True):
+                    whole[at] = part[::-1]
+        return found
 
 
 def _bent(

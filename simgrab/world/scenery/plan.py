@@ -12,7 +12,7 @@ import trimesh
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
-from simgrab.model.scenario import Draws, Dynamic, Hang, Scenario, Suspension
+from simgrab.model.scenario import Draws, Dynamic, Hang, Scenario, Suspension, Variant
 from simgrab.world.scenery import places
 from simgrab.world.scenery.clearance import HeightMap, check_camera
 from simgrab.world.scenery.grabs import design_of
@@ -41,7 +41,7 @@ class Plan:
     ----------
     grab : Design
     ropes : Ropes
-    place : sequence of Part
+    place : tuple of Part
         Surroundings below the jib, in the place's frame.
     jib : sequence of Part
         The jib head, in the jib frame.
@@ -62,7 +62,7 @@ class Plan:
 
     grab: Design
     ropes: Ropes
-    place: Sequence[Part]
+    place: tuple[Part, ...]
     jib: Sequence[Part]
     bodies: Mapping[str, Sequence[Part]]
     heaps: Sequence[Part]
@@ -89,7 +89,7 @@ class Plan:
     @cached_property
     def ground(self) -> HeightMap:
         """Height map of the surroundings below the grab."""
-        return HeightMap.of((part.mesh for part in self.place), self.reach_m)
+        return _ground(self.place, self.reach_m)
 
     def grab_points(self, state: GrabState) -> Array:
         """Points (N, 3), grab frame, that cover the grab and its load."""
@@ -128,7 +128,7 @@ class Plan:
             )
 
 
-def draw_up(scenario: Scenario, draws: Draws = FIRST, place: Sequence[Part] | None = None) -> Plan:
+def draw_up(scenario: Scenario, draws: Draws = FIRST, place: tuple[Part, ...] | None = None) -> Plan:
     """Plan the world of a scenario.
 
     Parameters
@@ -137,8 +137,8 @@ def draw_up(scenario: Scenario, draws: Draws = FIRST, place: Sequence[Part] | No
         Scenario in which nothing varies.
     draws : Draws
         Keys of random details, such as stains.
-    place : sequence of Part, optional
-        Place of another plan, if it is the same; see `place_of`.
+    place : tuple of Part, optional
+        Place of another plan, if it is the same; see `replanned`.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def draw_up(scenario: Scenario, draws: Draws = FIRST, place: Sequence[Part] | No
     if place is None:
         built = places.build(scenario.place, head_height=head_height, rng=stream(seed, draws.place, "place"))
         parked = stream(seed, draws.place, "clutter.grabs")
-        place = built + parked_grabs(scenario.clutter, built, head_height=head_height, rng=parked)
+        place = (*built, *parked_grabs(scenario.clutter, built, head_height=head_height, rng=parked))
 
     mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, draws.grab, "grab"))
     return Plan(
@@ -170,30 +170,39 @@ def draw_up(scenario: Scenario, draws: Draws = FIRST, place: Sequence[Part] | No
     )
 
 
-def adapted(plan: Plan, old: Scenario, new: Scenario) -> Plan | None:
-    """Adapt a plan to another scenario of the same draws; None if that needs other parts.
+def adapted(plan: Plan, old: Variant, new: Variant) -> Plan | None:
+    """Adapt the plan of one variant to another; None if that needs other parts.
 
     Raises
     ------
     ScenarioError
         If the camera would be in the jib's steel.
     """
-    if any(getattr(old, name) != getattr(new, name) for name in _OF_PARTS):
+    if old.draws != new.draws or any(getattr(old.scenario, n) != getattr(new.scenario, n) for n in _OF_PARTS):
         return None
-    _check_camera(new, plan.ropes)
-    straight, reach = new.camera.intrinsics.distortion.is_null, _reach(new)
+    _check_camera(new.scenario, plan.ropes)
+    straight, reach = new.scenario.camera.intrinsics.distortion.is_null, _reach(new.scenario)
     if (straight, reach) == (plan.straight, plan.reach_m):
         return plan
     return replace(plan, straight=straight, reach_m=reach)
 
 
-def place_of(plan: Plan, old: Scenario, new: Scenario) -> Sequence[Part] | None:
-    """Place of a plan, if another scenario of the same draws has the same place; else None."""
-    heights = old.jib.head_height_m, new.jib.head_height_m
-    same = heights[0] == heights[1] and all(getattr(old, n) == getattr(new, n) for n in ("seed", "place", "clutter"))
-    return plan.place if same else None
+def replanned(plan: Plan, old: Variant, new: Variant) -> Plan:
+    """Plan the world of another variant anew, but for its place where that is the same.
+
+    Raises
+    ------
+    ScenarioError
+        If the camera would be in the jib's steel.
+    """
+    keys = [
+        (one.draws.place, one.scenario.jib.head_height_m, *(getattr(one.scenario, n) for n in _OF_PLACE))
+        for one in (old, new)
+    ]
+    return draw_up(new.scenario, new.draws, plan.place if keys[0] == keys[1] else None)
 
 
+_OF_PLACE = ("seed", "place", "clutter")
 _OF_PARTS = ("seed", "grab", "jib", "place", "clutter", "markers", "suspension")
 
 
@@ -220,6 +229,11 @@ def _reach(scenario: Scenario) -> float:
     if not isinstance(scenario.swing, Dynamic) or isinstance(scenario.swing.work, Hang):
         return GRAB_REACH_M
     return GRAB_REACH_M + TRAVEL_M
+
+
+@lru_cache(maxsize=1)  # many plans in a row have the same place
+def _ground(place: tuple[Part, ...], reach_m: float) -> HeightMap:
+    return HeightMap.of((part.mesh for part in place), reach_m)
 
 
 @lru_cache(maxsize=64)  # the steel of a design is the same in every world
