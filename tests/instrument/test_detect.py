@@ -87,7 +87,7 @@ def test_peaks_lie_apart_and_come_hottest_first():
     logits[10, 20], logits[10, 21], logits[25, 5] = 2.0, 1.0, 3.0
     reach = np.broadcast_to(np.array([10, 20, 30, 40], np.float32)[:, None, None], (4, 28, 48))
     found = peaks(logits, reach, most=2)
-    np.testing.assert_allclose([heat for _, heat in found], [1 / (1 + np.exp(-3)), 1 / (1 + np.exp(-2))])
+    assert [logit for _, logit in found] == [3.0, 2.0]
     np.testing.assert_allclose(found[1][0], [20.5 * 8 - 10, 10.5 * 8 - 20, 20.5 * 8 + 30, 10.5 * 8 + 40])
 
 
@@ -112,16 +112,17 @@ def bright(size=(1080, 1920), at=(700, 400), half=24):  # fills the cell of the 
 
 
 def test_the_detector_combines_its_nets(tmp_path):
-    calibration = {"slope": 0.5, "offset": 1.0, "box": 3.0, "centre": 2.0, "yaw": 1.5}
-    found = detector(hand_made(tmp_path, yaw=0.5, calibration=calibration))(bright())
+    calibration = {"slope": 0.5, "heat": 0.25, "offset": 1.0, "box": 3.0, "centre": 2.0, "yaw": 1.5}
+    found, logits = detector(hand_made(tmp_path, yaw=0.5, calibration=calibration)).examine(bright())
     assert found.found
+    np.testing.assert_allclose(logits, [3.0, 4.0], atol=1e-5)
     # The coarse net gives 20 of 384 px each way, 100 px, and the pose net 0.3 of its crop: of the last one here.
     half = 0.3 * Settings().room * 200
     side = around([700 - half, 400 - half, 700 + half, 400 + half], Settings().close).size[0]
     np.testing.assert_allclose(found.box, np.array([700, 400] * 2) + 0.3 * side * np.array([-1, -1, 1, 1]), atol=0.01)
     np.testing.assert_allclose(found.centre, [700, 400], atol=0.01)
     assert found.yaw == pytest.approx(0.5)
-    assert found.score == pytest.approx(1 / (1 + np.exp(-2.5)))
+    assert found.score == pytest.approx(1 / (1 + np.exp(-3.5)))
     np.testing.assert_allclose(found.box_sd_px, 3 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
     np.testing.assert_allclose(found.centre_sd_px, 2 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
     assert found.yaw_sd == pytest.approx(1.5 * np.sqrt(2) * np.exp(-3) / 2)
@@ -150,20 +151,20 @@ def test_the_most_present_of_the_hottest_places_counts(tmp_path):
     assert not looks(spots).found
 
 
-def test_a_grab_is_present_in_both_crops(tmp_path, monkeypatch):
-    looks, poses = detector(hand_made(tmp_path)), GrabDetector.poses
+def test_either_net_can_doubt_a_grab(tmp_path, monkeypatch):
+    looks, poses = detector(hand_made(tmp_path, calibration={"heat": 1.0})), GrabDetector.poses
     assert looks(bright()).found
 
-    def absent(room):
-        def doubting(self, picture, boxes, at):
-            found = poses(self, picture, boxes, at)
-            return dataclasses.replace(found, presence=found.presence - 20.0 * (at == room))
+    def doubting(self, picture, boxes, at):
+        found = poses(self, picture, boxes, at)
+        return dataclasses.replace(found, presence=found.presence - 20.0 * (at == looks.settings.close))
 
-        return doubting
-
-    for room in (looks.settings.room, looks.settings.close):
-        monkeypatch.setattr(GrabDetector, "poses", absent(room))
+    with monkeypatch.context() as patched:
+        patched.setattr(GrabDetector, "poses", doubting)
         assert not looks(bright()).found
+    assert not detector(hand_made(tmp_path / "cold", heat=-1.3, presence=1.0, calibration={"heat": 1.0}))(
+        bright()
+    ).found
 
 
 def test_a_place_much_less_hot_than_the_hottest_is_no_candidate(tmp_path):

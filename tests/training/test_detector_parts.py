@@ -409,26 +409,28 @@ def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
 def test_presences_become_probabilities(dataset, tmp_path):
     row, rng = datasets.read(dataset).rows[0], np.random.default_rng(0)
     box = np.array(labels.box(row), float)
-    logits = rng.uniform(-8, 8, 6000)
+    logits = rng.uniform(-8, 8, (6000, 2))
+    true = Calibration(slope=0.5, heat=0.25, offset=1.0)
     seen = [
         evaluate.DetectedFrame(
-            cache.TrainingFrame(row, tmp_path, bool(there), ""), Detection("found", "", float(expit(x)), box)
+            cache.TrainingFrame(row, tmp_path, bool(there), ""), Detection("found", "", 1.0, box), some
         )
-        for x, there in zip(logits, rng.random(6000) < expit(0.5 * logits + 1.0), strict=True)
+        for some, there in zip(logits, rng.random(6000) < [true.presence(some) for some in logits], strict=True)
     ]
-    assert evaluate.platt(seen) == pytest.approx((0.5, 1.0), abs=0.08)
-    assert evaluate.recalibrated(seen[:1], 0.5, 1.0)[0].detection.score == pytest.approx(expit(0.5 * logits[0] + 1.0))
-    assert evaluate.platt(seen[:20]) is None  # too few
-    looks = SimpleNamespace(settings=Settings(), calibration=Calibration(slope=0.7, offset=-0.4))
+    fitted = evaluate.regression(seen)
+    assert (fitted.slope, fitted.heat, fitted.offset) == pytest.approx((0.5, 0.25, 1.0), abs=0.08)
+    assert evaluate.recalibrated(seen[:1], true)[0].detection.score == pytest.approx(expit(logits[0] @ [0.5, 0.25] + 1))
+    assert evaluate.regression(seen[:20]) is None  # too few
+    looks = SimpleNamespace(settings=Settings(), calibration=Calibration(slope=0.7, heat=0.3, offset=-0.4))
     found = evaluate.calibrated(looks, seen[:20], before=looks)[0]["calibration"]
-    assert (found["slope"], found["offset"]) == (0.7, -0.4)
+    assert (found["slope"], found["heat"], found["offset"]) == (0.7, 0.3, -0.4)
 
 
 def test_a_threshold_falls_only_if_enough_frames_show_no_grab(dataset, tmp_path):
     row = datasets.read(dataset).rows[0]
     box = np.array(labels.box(row), float)
     found = Detection("found", "", 0.6, box, labels.centre(row), 0.0, np.ones(4), np.ones(2), 0.1)
-    grab = evaluate.DetectedFrame(cache.TrainingFrame(row, tmp_path, True, ""), found)
+    grab = evaluate.DetectedFrame(cache.TrainingFrame(row, tmp_path, True, ""), found, np.array([logit(0.6), 0]))
     nothing = evaluate.DetectedFrame(
         cache.TrainingFrame(row, tmp_path, False, ""), Detection("none", "nothing found", 0.0)
     )

@@ -3,7 +3,7 @@
 The coarse net proposes boxes in the shrunken picture. The pose net gets a crop of the whole picture around each of the
 best few, with its surroundings, and predicts whether it is the grab, its box, centre and yaw, and how sure each is. Of
 the best one it gets a closer crop too, in which a pixel of the picture is larger, and predicts the geometry again. The
-presence is the lesser of both crops.
+presence is a logistic regression on the scores of both nets: the coarse one's heat, and the closer crop's.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ class Calibration(Checked, frozen=True):
 
     Attributes
     ----------
-    slope, offset : float
-        The presence is the logistic function of ``slope`` times the lesser of the net's logits for both crops plus
-        ``offset`` (Platt 1999).
+    slope, heat, offset : float
+        The presence is the logistic function of ``slope`` times the net's logit for the closer crop, plus ``heat``
+        times the logit of the candidate's heat, plus ``offset`` (Platt 1999, here with two scores).
     box, centre, yaw : float
         Factors of the stated standard deviations.
     """
@@ -100,18 +100,28 @@ class Calibration(Checked, frozen=True):
     error = DetectorError
 
     slope: Factor = 1.0
+    heat: Factor = 0.0
     offset: Annotated[float, msgspec.Meta(ge=-50, le=50)] = 0.0
     box: Factor = 1.0
     centre: Factor = 1.0
     yaw: Factor = 1.0
 
+    def presence(self, logits: Array) -> float:
+        """Probability that the grab is there, from the logits of the closer crop and of the candidate's heat, (2,)."""
+        return _logistic(float(logits @ [self.slope, self.heat]) + self.offset)
+
 
 @dataclass(frozen=True)
 class Candidate:
-    """A place that may be the grab: box, shape (4,), px of the picture, and heat, 0 to 1."""
+    """A place that may be the grab: box, shape (4,), px of the picture, and the logit of its heat."""
 
     box: Array
-    heat: float
+    logit: float
+
+    @property
+    def heat(self) -> float:
+        """How surely the coarse net sees the grab there, 0 to 1."""
+        return _logistic(self.logit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,29 +184,34 @@ class GrabDetector:
 
     def __call__(self, picture: Picture) -> Detection:
         """Detect the grab in a picture."""
+        return self.examine(picture)[0]
+
+    def examine(self, picture: Picture) -> tuple[Detection, Array]:
+        """Detect the grab in a picture; also returns the logits by `Calibration.presence`, (2,)."""
         contract.check(picture)
         candidates = self.candidates(picture)
         if not candidates:
-            return Detection("none", "nothing found", 0.0)
+            return Detection("none", "nothing found", 0.0), np.full(2, -_LIMIT)
         poses = self.poses(picture, [candidate.box for candidate in candidates], self.settings.room)
         best = int(np.argmax(poses.presence))
         near, own = self.poses(picture, [poses.boxes[best]], self.settings.close), self.calibration
-        logit = own.slope * min(poses.presence[best], near.presence[0]) + own.offset
-        presence = 1 / (1 + math.exp(-float(np.clip(logit, -_LIMIT, _LIMIT))))
+        logits = np.array([near.presence[0], candidates[best].logit])
+        presence = own.presence(logits)
         height, width = picture.shape[:2]
         if presence < self.settings.least_presence:
             x0, y0, x1, y1 = candidates[best].box
             cut_off = min(x0, y0) <= 0 or x1 >= width or y1 >= height
             why = "what the image edge cuts is not clearly a grab" if cut_off else "it looks like something else"
-            return Detection("none", f"{why} (presence {presence:.2f})", presence)
+            return Detection("none", f"{why} (presence {presence:.2f})", presence), logits
         yaw, yaw_sd = float(near.yaw[0]), float(near.yaw_sd[0]) * own.yaw
         turned = yaw_sd < MOST_YAW_SD  # the tines of an orange-peel grab look alike
-        return Detection(
+        found = Detection(
             status="found", reason="", score=presence,
             box=np.clip(_sound(near.boxes[0]), 0, [width, height] * 2), centre=near.centres[0],
             yaw=yaw if turned else None, box_sd_px=near.box_sd[0] * own.box,
             centre_sd_px=near.centre_sd[0] * own.centre, yaw_sd=yaw_sd if turned else None,
         )  # fmt: skip
+        return found, logits
 
     def candidates(self, picture: Picture) -> list[Candidate]:
         """Places where the coarse net sees the grab, the hottest first."""
@@ -206,9 +221,9 @@ class GrabDetector:
         limits = np.array([picture.shape[1], picture.shape[0]] * 2, float)
         found = [
             Candidate(
-                np.clip(patch.to_picture(box.reshape(2, 2) / (COARSE_WIDTH, COARSE_HEIGHT)).ravel(), 0, limits), heat
+                np.clip(patch.to_picture(box.reshape(2, 2) / (COARSE_WIDTH, COARSE_HEIGHT)).ravel(), 0, limits), logit
             )
-            for box, heat in peaks(logits[0], reach[0])
+            for box, logit in peaks(logits[0], reach[0])
         ]
         enough = max(self.settings.least_heat, self.settings.rivals * found[0].heat) if found else 0.0
         return [candidate for candidate in found if candidate.heat >= enough][: self.settings.candidates]
@@ -232,8 +247,8 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
 
     Returns
     -------
-    list of (box, heat)
-        Boxes in px of the small picture; the hottest first.
+    list of (box, logit)
+        Boxes in px of the small picture, and the cells' logits; the hottest first.
     """
     logits, reach = _bounded(logits, -_LIMIT), np.nan_to_num(reach)
     highest = cv2.dilate(logits, np.ones((3, 3), np.uint8))
@@ -242,8 +257,8 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
     result = []
     for row, column in zip(rows[order], columns[order], strict=True):
         middle = (np.array([column, row, column, row]) + 0.5) * _STRIDE
-        heat = 1 / (1 + math.exp(-float(logits[row, column])))
-        result.append((middle + reach[:, row, column].astype(float) * [-1, -1, 1, 1], heat))
+        box = middle + reach[:, row, column].astype(float) * [-1, -1, 1, 1]
+        result.append((box, float(logits[row, column])))
     return result
 
 
@@ -261,6 +276,10 @@ def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: in
         yaw=np.arctan2(o[:, 13], o[:, 12]) / 2 % np.pi, yaw_sd=math.sqrt(2) * np.exp(o[:, 14]) / 2,
         presence=o[:, 15],
     )  # fmt: skip
+
+
+def _logistic(logit: float) -> float:
+    return 1 / (1 + math.exp(-min(max(logit, -_LIMIT), _LIMIT)))
 
 
 def _bounded(values: NDArray[Any], missing: float) -> NDArray[Any]:

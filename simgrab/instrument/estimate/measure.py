@@ -199,9 +199,9 @@ def unexplained(estimator: Estimator, estimate: Estimate) -> str:
     if not (force >= MOST_FORCE or abs(longer - estimator.longer_m) >= FAR * estimator.longer_sd_m):
         return ""
     return (
-        "the swing does not follow the controller's motion: forces move the grab that it does not report, as a pendulum "
-        f"{longer:+.1f} m longer than the rope; are its data of this record, and finer than 0.2° and 10 cm, and is the "
-        "rope's length right? Angles and intervals may be wrong"
+        "the swing does not follow the controller's motion: forces that it does not report move the grab, "
+        f"as a pendulum {longer:+.1f} m longer than the rope; are its data of this record, and finer than 0.2° and 10 cm, "
+        "and is the rope's length right? Angles and intervals may be wrong"
     )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import msgspec
@@ -20,7 +20,6 @@ from simgrab.training.detector import cache
 
 LEVEL = 0.95
 _NORMAL = 1.96  # deviations either way that cover LEVEL of a normal distribution
-_LEAST = 1e-9  # presence whose logit is finite
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
 # Missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm.
@@ -32,10 +31,11 @@ _FEWEST_EMPTY = 50  # frames without a grab from which on a threshold below the 
 
 @dataclass(frozen=True, eq=False)
 class DetectedFrame:
-    """A frame and what was detected in it."""
+    """A frame, what was detected in it, and the logits of the pose and the coarse net for it, (2,)."""
 
     frame: cache.TrainingFrame
     detection: Detection
+    logits: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
     def overlap(self) -> float:
@@ -52,12 +52,12 @@ class DetectedFrame:
 
 
 def watch(
-    detector: Callable[[Any], Detection], frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
+    detector: GrabDetector, frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
 ) -> list[DetectedFrame]:
     """Run a detector on frames."""
     detected = []
     for frame in frames:
-        detected.append(DetectedFrame(frame, detector(frame.picture())))
+        detected.append(DetectedFrame(frame, *detector.examine(frame.picture())))
         if progress:
             progress(len(detected), len(frames))
     return detected
@@ -88,22 +88,21 @@ def calibrated(
     figures : dict
         `metrics` of the rendered frames then.
     """
-    kept = (before.calibration.slope, before.calibration.offset) if before else (1.0, 0.0)
-    slope, offset = platt([*detected, *real]) or kept
-    detected, real = (recalibrated(some, slope, offset) for some in (detected, real))
+    calibration = regression([*detected, *real]) or (before.calibration if before else Calibration())
+    detected, real = (recalibrated(some, calibration) for some in (detected, real))
     presence = round(least_presence([*detected, *real]), 4)
     if sum(not one.frame.labelled for one in [*detected, *real]) < _FEWEST_EMPTY and before:
         presence = max(presence, before.settings.least_presence)
     detected, real = by(presence, detected), by(presence, real)
     settings = msgspec.structs.asdict(msgspec.structs.replace(detector.settings, least_presence=presence))
     factors = {name: _factor(some) for name, some in errors_over_sd([*detected, *real]).items()}
-    fitted = msgspec.structs.asdict(Calibration(slope=slope, offset=offset, **factors))
-    calibration = {name: round(value, 4) for name, value in fitted.items()}
-    return {"settings": settings, "calibration": calibration}, metrics(detected)
+    fitted = msgspec.structs.asdict(calibration) | factors
+    rounded = {name: round(value, 4) for name, value in fitted.items()}
+    return {"settings": settings, "calibration": rounded}, metrics(detected)
 
 
-def platt(detected: Sequence[DetectedFrame]) -> tuple[float, float] | None:
-    """Fit slope and offset by which logits of the presence become those of a probability (Platt 1999).
+def regression(detected: Sequence[DetectedFrame]) -> Calibration | None:
+    """Fit the presence, a logistic regression on the logits of both nets, as Platt (1999) fits one score.
 
     None where hits or boxes on empty frames are too few.
 
@@ -116,26 +115,21 @@ def platt(detected: Sequence[DetectedFrame]) -> tuple[float, float] | None:
     there = np.array([one.hit for one in known], float)
     if min(there.sum(), (1 - there).sum()) < _FEWEST:
         return None
-    logits = logit(np.clip([one.detection.score for one in known], _LEAST, 1 - _LEAST))
-    # Targets short of 0 and 1, so that a perfect separation has a finite slope.
+    logits = np.array([one.logits for one in known])
+    # Targets short of 0 and 1, so that a perfect separation has finite slopes.
     wanted = np.where(there == 1, (there.sum() + 1) / (there.sum() + 2), 1 / ((1 - there).sum() + 2))
 
     def entropy(values: Array) -> float:
-        x = np.exp(values[0]) * logits + values[1]
+        x = logits @ np.exp(values[:2]) + values[2]
         return float((np.logaddexp(0, x) - wanted * x).mean())
 
-    slope, offset = minimize(entropy, [0.0, 0.0], method="Nelder-Mead").x
-    return float(np.exp(slope)), float(offset)
+    slope, heat, offset = minimize(entropy, np.zeros(3), method="Nelder-Mead").x
+    return Calibration(slope=float(np.exp(slope)), heat=float(np.exp(heat)), offset=float(offset))
 
 
-def recalibrated(detected: Sequence[DetectedFrame], slope: float, offset: float) -> list[DetectedFrame]:
+def recalibrated(detected: Sequence[DetectedFrame], calibration: Calibration) -> list[DetectedFrame]:
     """Apply such a fit to the scores of detections."""
-    return [
-        replace(one, detection=replace(
-            one.detection, score=float(expit(slope * logit(np.clip(one.detection.score, _LEAST, 1 - _LEAST)) + offset))
-        ))
-        for one in detected
-    ]  # fmt: skip
+    return [replace(one, detection=replace(one.detection, score=calibration.presence(one.logits))) for one in detected]
 
 
 def least_presence(detected: Sequence[DetectedFrame]) -> float:
@@ -167,7 +161,7 @@ def by(presence: float, detected: Sequence[DetectedFrame]) -> list[DetectedFrame
     nothing = "it looks like something else"
     return [
         one if not one.detection.found or one.detection.score >= presence
-        else DetectedFrame(one.frame, Detection("none", nothing, one.detection.score))
+        else replace(one, detection=Detection("none", nothing, one.detection.score))
         for one in detected
     ]  # fmt: skip
 

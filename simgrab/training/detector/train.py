@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import torch
+from scipy.special import expit
 
 from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
@@ -236,7 +237,7 @@ def suspects(
             heat, reach = (x.numpy() for x in net(some))
             for i, frame in enumerate(frames[start : start + _BATCH]):
                 patch = whole(frame.row.width_px, frame.row.height_px)
-                found = [box for box, score in peaks(heat[i], reach[i]) if score >= _SUSPECT]
+                found = [box for box, logit in peaks(heat[i], reach[i]) if expit(logit) >= _SUSPECT]
                 shares = [box.reshape(2, 2) / (COARSE_WIDTH, COARSE_HEIGHT) for box in found]
                 result.append([patch.to_picture(corners).ravel() for corners in shares])
     return result
