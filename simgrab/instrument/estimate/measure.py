@@ -200,8 +200,8 @@ def unexplained(estimator: Estimator, estimate: Estimate) -> str:
         return ""
     return (
         "the swing does not follow the controller's motion: forces that it does not report move the grab, "
-        f"as a pendulum {longer:+.1f} m longer than the rope; are its data of this record, and finer than 0.2° and 10 cm, "
-        "and is the rope's length right? Angles and intervals may be wrong"
+        f"as a pendulum {longer:+.1f} m longer than the rope; are its data of this record, and finer than 0.2° and 10 "
+        "cm, and is the rope's length right? Angles and intervals may be wrong"
     )
 
 
