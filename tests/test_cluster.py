@@ -92,9 +92,7 @@ checks(*sys.argv[1:])
 
 def renders(folder, there, **where):
     """Render and study the same wherever it is done."""
-    vary = {key: {"dist": "uniform", "low": 0.2, "high": 1.0} for key in ("grab.wear", "light.sun")}
-    levels = {"clip.clip_frames": 1, "vary": vary, "every": {"grab": 2}}
-    scene = simgrab.load("quay-day", {"frames": 4, "image.samples": 0, **levels}, size=(480, 270))
+    scene = simgrab.load("quay-day", {"frames": 4, "image.samples": 0}, size=(480, 270))
     render(scene, (folder / f"{there}-shards").as_uri(), shard_frames=2, **where)
     if importlib.util.find_spec("simgrab.lab"):
         from simgrab.lab.stress import catalogue, laboratory
