@@ -18,11 +18,9 @@ from simgrab.cli import cli
 from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PaperIteration, PendulumSmoother
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.follow import load as load_tilt
-from simgrab.instrument.estimate.measure import unexplained
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
@@ -507,17 +505,6 @@ def test_no_interval_owes_nothing(measured, text):
     found = assumptions(camera, None, None, Pipeline(None, None), measured)["text"]
     assert found.startswith(text)
     assert bool(found) == bool(text)
-
-
-@pytest.mark.parametrize(("seed", "mount", "warned"), [(101, "levelled", False), (103, "fixed", True)])
-def test_a_controller_of_another_record_is_named(seed, mount, warned):
-    changes = {"fixed": mount == "fixed", "frames": 540}
-    crane, jib = swinging.record(seed=101, **changes), swinging.record(seed=seed, **changes).jib
-    data = Controller(crane.time, *jib.T, crane.rope, 1e-3, 1e-2, 3e-3, clock_sd_s=0.3)
-    pipeline = Pipeline(nothing, Reader(), controller=data)
-    record = pipeline.conclude(crane.observations(1.3), crane.calibration)
-    assert record.estimate.estimator == "pendulum-smoother"
-    assert bool(unexplained(record.estimator, record.estimate)) == warned
 
 
 @pytest.mark.parametrize("error", [-5.0, 0.0, 5.0])

@@ -176,9 +176,23 @@ def test_what_the_baseline_has_too_few_values_for_is_reported(place, tmp_path):
     assert "compared with limits only" not in " ".join(same.notes)
 
 
-def test_limits_that_a_constant_answer_meets_are_named(place):
+def test_a_recorded_seed_beyond_a_limit_is_named(place, tmp_path):
+    small, what = suite.load(place / "small.toml"), "angle.overall.rmse_deg"
+    first, second = (
+        check(place, seed=seed, baseline=None).scenes["swing"].metrics[what] for seed in (small.seed, small.seed + 1)
+    )
+    limit = {"upper" if first < second else "lower": (first + second) / 2}
+    between = suite.load(write(tmp_path, limits={what: limit}))
+    recorded = gate.record(between, options(place, sound, baseline=tmp_path / "new"), seeds=2)
+    assert recorded.passed
+    assert f"swing: warning: not met with seed {small.seed + 1}: {what}" in " ".join(recorded.notes)
+
+
+def test_limits_that_a_constant_answer_meets_are_named(place, tmp_path):
     result = check(place)
     (note,) = result.notes
+    recorded = gate.record(suite.load(place / "small.toml"), options(place, sound, baseline=tmp_path), seeds=1)
+    assert note in recorded.notes
     assert re.fullmatch(r"swing: warning: .* in every frame would pass: angle.overall.rmse_deg ≤ 20 \(by .*", note)
     found = result.scenes["swing"].trial
     true = np.array([row.alpha_deg for row in found.dataset.rows])
@@ -250,6 +264,24 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
         r"On .* (1\.[89]|2\.[012]) px right of and 0\.\d px (below|above) the true one\. Largest errors of the centre",
         " ".join(causes(scene.trial, ["detection.centre.median_px"])),
     )
+
+
+@dataclasses.dataclass
+class RadiansTwice:
+    """Converts the angles of the sound pipeline from degrees once more."""
+
+    pipeline: Pipeline
+    name: str = "radians twice"
+
+    def __call__(self, frames, calibration):
+        for m in self.pipeline.record(frames, calibration).measurements:
+            yield msgspec.structs.replace(m, alpha=np.radians(m.alpha), alpha_low=None, alpha_high=None)
+
+
+def test_angles_converted_twice_are_named(place):
+    result = gate.check(suite.load(place / "small.toml"), options(place, RadiansTwice(sound(place / "cache"))))
+    (scene,) = result.scenes.values()
+    assert "converted from degrees to radians twice" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
 
 
 @dataclasses.dataclass

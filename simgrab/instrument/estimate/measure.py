@@ -27,7 +27,6 @@ from simgrab.model.records.estimates import Estimate, Intervals
 # Diagnostics that are in radians, or in radians squared.
 _ANGLES = ("beta_history", "lean_sd")
 _SQUARED_ANGLES = ("sigma2_history",)
-MOST_FORCE, FAR = 0.002, 3.0  # m²/s³, of white acceleration that a controller does not report; standard deviations
 # An offset that looks like less tilt than this is not worth a warning.
 _LEAST_TILT = np.deg2rad(0.1)
 
@@ -155,9 +154,7 @@ def measure(
     found = kind.estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
     far = "" if found.offset is None else far_offset(found.offset.tolist(), calibration)
-    return EstimatedRecord(
-        record, calibration, found, (*notes, *warnings, *filter(None, [far, unexplained(kind, found)]))
-    )
+    return EstimatedRecord(record, calibration, found, (*notes, *warnings, *filter(None, [far])))
 
 
 def _on_its_clock(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, Controller, tuple[str, ...]]:
@@ -184,25 +181,6 @@ def _on_its_clock(record: PixelRecord, controller: Controller) -> tuple[PixelRec
         length = np.interp(record.time, record.time[known], length[known])
         record = replace(record, pixels=np.where(known[:, None], record.pixels, np.nan), rope_length=length)
     return record, controller, (*controller.notes, *filter(None, [clock.note]), said)
-
-
-def unexplained(estimator: Estimator, estimate: Estimate) -> str:
-    """Warn that a controller's motion does not explain the swing; mostly empty.
-
-    Then forces that nobody reports do, or a length of the pendulum that is not the rope's. In simulated cycles of 60 s
-    by fixed and levelled cameras the white acceleration was at most 1e-4 m²/s³ with the record's own data, and 0.004 to
-    0.01 with those of another; with readings in steps of 0.5° and 20 cm it is 0.0035 with its own.
-    """
-    if not isinstance(estimator, PendulumSmoother) or estimator.controller is None or estimator.needs_imu:
-        return ""
-    force, longer = (float(estimate.diagnostics.get(name, np.nan)) for name in ("forcing", "longer_m"))
-    if not (force >= MOST_FORCE or abs(longer - estimator.longer_m) >= FAR * estimator.longer_sd_m):
-        return ""
-    return (
-        "the swing does not follow the controller's motion: forces that it does not report move the grab, "
-        f"as a pendulum {longer:+.1f} m longer than the rope; are its data of this record, and finer than 0.2° and 10 "
-        "cm, and is the rope's length right? Angles and intervals may be wrong"
-    )
 
 
 def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from simgrab.instrument import alarm
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known
-from simgrab.instrument.estimate.measure import estimate_json, unexplained
+from simgrab.instrument.estimate.measure import estimate_json
 from simgrab.instrument.faults import Fault
 from simgrab.instrument.pipeline import Live, MeasuredRecord, Pipeline, assemble
 from simgrab.instrument.run import runs
@@ -350,12 +350,12 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
         return {}
     controller = instrument.controller
     clock = (record.clock if record is not None else None) or controller.stated_clock
-    by_motion, warning, used = None, "", None if record is None else record.estimator
+    by_motion, used = None, None if record is None else record.estimator
     if record is not None and record.estimate is not None and used is not None and not used.needs_imu:
-        by_motion, warning = record.estimate.diagnostics.get("clock_s"), unexplained(used, record.estimate)
+        by_motion = record.estimate.diagnostics.get("clock_s")
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
         "clock_by_motion_s": None if by_motion is None else clock.offset_s - by_motion,
-        "display_minus_controller_m": clock.difference_m, "warning": warning,
+        "display_minus_controller_m": clock.difference_m,
         "notes": [*controller.notes, *filter(None, [clock.note])],
     }  # fmt: skip

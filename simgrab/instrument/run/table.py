@@ -82,7 +82,6 @@ def held(run: Run) -> list[tuple[str, str]]:
         by_motion = reported.get("clock_by_motion_s")
         clock += f"; {by_motion:+.2f} s by the swing, which is used" if by_motion is not None else ""
         rows.append(("controller's clock", clock))
-        rows += [("WARNING", reported["warning"])] if reported.get("warning") else []
     estimate = run.about["estimate"]
     if estimate is not None:
         refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"

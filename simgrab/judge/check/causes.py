@@ -48,9 +48,10 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
         return
     spread, true_spread = (float(np.rad2deg(angle[both].std())) for angle in (run.alpha, true))
     if spread < true_spread / 10:
+        twice = 0.7 < math.radians(true_spread) / max(spread, 1e-9) < 1.4
         yield (
             f"The measured angle hardly follows the swing: its standard deviation is {spread:.2f}°, that of the true "
-            f"swing {true_spread:.2f}°."
+            f"swing {true_spread:.2f}°{', as if it were converted from degrees to radians twice' if twice else ''}."
         )
     elif bias**2 > rmse**2 / 2:
         rest = math.sqrt(max(rmse**2 - bias**2, 0.0))
@@ -66,7 +67,12 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
     off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95)) if trial.centres else 0.0
     off_deg = math.degrees(math.atan(off_px / run.calibration.focal_length_px))
     # A wrong centre may hide in an estimated tilt; mere noise has a 95th percentile of 2.4 times its RMSE.
-    if off_deg > (1 if own > 2 * fed else 3) * rmse:
+    if own > 2 * fed >= 2 * true_spread:
+        yield (
+            f"Correct centre and rope length first: from them, simgrab's estimator {budget.estimator} computes angles "
+            f"with an RMSE of {fed:.2f}°, which is no better than a constant angle."
+        )
+    elif off_deg > (1 if own > 2 * fed else 3) * rmse:
         yield (
             f"Correct the centre first: its error (95th percentile) is {off_px:.1f} px, which is {off_deg:.1f}° for "
             f"the camera and thus more than the angle's RMSE of {rmse:.2f}°."

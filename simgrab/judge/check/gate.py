@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from simgrab.judge.check import baseline as base
 from simgrab.judge.check import cache, golden
 from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report
-from simgrab.judge.check.suite import Suite, load
+from simgrab.judge.check.suite import Limit, Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial
 from simgrab.text import printable
@@ -139,11 +139,17 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
             if found[-1].problem:
                 failure = tuple(of_trial(name, found[-1], {}, None, 1))
                 return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
-        verdicts = tuple(of_trial(name, found[0], suite.limits_of(name), None, 1))
-        scenes[name] = Outcome(verdicts, found[0].metrics, time.perf_counter() - begun, trial=found[0])
+        limits = suite.limits_of(name)
+        verdicts, *later = (tuple(of_trial(name, one, limits, None, 1)) for one in found)
+        notes = _warnings(name, found[0], verdicts, limits)
+        for seed, judged in zip(several[1:], later, strict=True):
+            if beyond := [f"{v.what} {v.limit}" for v in judged if v.status == "failed"]:
+                notes.append(f"{name}: warning: not met with seed {seed}: {', '.join(beyond)}")
+        spent = time.perf_counter() - begun
+        scenes[name] = Outcome(verdicts, found[0].metrics, spent, notes=tuple(notes), trial=found[0])
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
-    notes = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
-    return Report(suite.name, instrument.name, suite.seed, (), notes, scenes)
+    done = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
+    return Report(suite.name, instrument.name, suite.seed, (), done, scenes)
 
 
 def _instrument(suite: Suite, options: CheckOptions) -> Instrument:
@@ -190,11 +196,7 @@ def _scene(
     if blind := [v.what for v in verdicts if recorded and v.value is not None and v.reference is None]:
         why = "because the baseline has too few values"
         notes.append(f"{name}: compared with limits only, {why}: {', '.join(blind)}")
-    if left := leaves_out(found, verdicts):
-        notes.append(f"{name}: warning: {left}")
-    if met := lax(verdicts, limits):
-        passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
-        notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
+    notes += _warnings(name, found, verdicts, limits)
     if not (limits or frames):
         notes.append(f"{name}: nothing is judged, because it has no limits")
     for frame in frames if seed == suite.seed else ():
@@ -203,6 +205,17 @@ def _scene(
         if difference is not None:
             pictures[f"{name}-{frame:06d}.png"] = difference
     return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures, tuple(notes), found)
+
+
+def _warnings(name: str, found: Trial, verdicts: Sequence[Verdict], limits: Mapping[str, Limit]) -> list[str]:
+    """Warn of centres that figures leave out, and of limits that a constant angle meets."""
+    notes = []
+    if left := leaves_out(found, verdicts):
+        notes.append(f"{name}: warning: {left}")
+    if met := lax(verdicts, limits):
+        passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
+        notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
+    return notes
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: CheckOptions) -> Dataset:
