@@ -3,7 +3,7 @@
     python -m scripts.estimator_study [--mount levelled] [--weather fog] [--seconds 60] [--input controller] …
 
 The crane works. The estimator gets the true grab centre with the detector's errors in that weather, the rope length in
-centimetres, an offset with an error of 5 cm per coordinate, and `rope-aware` the mean wind. Each clip of ten minutes is
+centimetres, an offset with an error of 5 cm per coordinate, and the mean wind. Each clip of ten minutes is
 cut into records; `--share` limits how many of them are used. Coverage has a bootstrap interval over clips.
 """
 
@@ -121,7 +121,9 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
         if given != "rope-aware":
             controller = _readings(t, jib[some], rng, reading) if given == "controller" else None
             imu = _imu(mount, wind, clip) if given == "imu" else None
-            estimator = PendulumSmoother(controller=controller, imu=imu, wander_px=wander, intervals=WORKING)
+            estimator = PendulumSmoother(
+                controller=controller, imu=imu, wander_px=wander, intervals=replace(WORKING, wind_m_s=wind)
+            )
         length = np.round(rope[some] / ROPE_STEP_M) * ROPE_STEP_M
         estimate = estimator.estimate(pixels, camera, rope_length=length, time=t, pixel_sd=sd)
         if not estimate.ok:

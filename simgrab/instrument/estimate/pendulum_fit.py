@@ -32,7 +32,6 @@ from simgrab.instrument.estimate.strengths import LEAST_FAST, LEAST_SLOW, NOISE,
 from simgrab.model.geometry import Array
 
 SEARCHES, ROUNDS = 10, 30  # at most so many linearisations search for the strengths, and so many there are
-STEADY = 4.0  # standard deviation of the steady lean by wind over that of gusts, whose turbulence is 10 to 25 %
 WHOLE_STEPS = 6  # after which steps are halved: frequency and damping of a camera that does not move are any
 LEAST_SENSED = 3e-5  # m²/s³, of white acceleration beside what a sensor reports: no grab is a better pendulum
 CLOSE = 0.02  # of the tilt's uncertainty, below which such a step changes nothing
@@ -53,12 +52,15 @@ class PendulumPriors:
     mean, sd : ndarray, shape (20,)
     focal_px : float
     jib : JibMotion
+    steady : float
+        Precision of the steady lean by wind over that of the slow forcing by gusts; 0 where gusts do not tell it.
     """
 
     mean: Array
     sd: Array
     focal_px: float
     jib: JibMotion
+    steady: float = 0.0
 
     def locked(self) -> PendulumPriors:
         """Lock the offset's height at its mean.
@@ -191,8 +193,7 @@ def _linearised(
     first, loose = np.zeros(d), np.zeros(d)
     first[:4], loose[4:6] = START_SD**-2.0, 1.0
     starts, steady = nodes.first[:, None], np.zeros_like(parameters)
-    if priors.jib.moves:
-        steady[WIND] = STEADY**-2.0
+    steady[WIND] = priors.steady
     slow += prior(path, starts * loose, parameters, steady)
     fixed = prior(path, starts * first, parameters - priors.mean, np.asarray(priors.sd**-2.0))
     if priors.jib.drifts:
@@ -208,7 +209,7 @@ def _linearised(
     error2 = np.sum(error**2, axis=-1) * nodes.seen * np.exp(-2 * strengths[NOISE])
     weight = nodes.seen * (DEGREES + 2) / (DEGREES + error2)
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
-    leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.jib.moves)
+    leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.steady > 0)
     posterior = Weighed(
         fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px,
         LEAST_SENSED if priors.jib.sensed else 1e-9, GUSTS if priors.jib.moves else ANY_FORCE,

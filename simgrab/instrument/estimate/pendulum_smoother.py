@@ -53,7 +53,8 @@ FOLLOWING, FOLLOWING_SD = (0.5, np.log(np.pi), np.log(0.5)), (0.5, 0.7, 0.7)
 LEAST_CLOCK_SD_S = 1e-3
 MOST_NOT_FREE = 0.3  # of a record; if more does not swing freely, the sensor is of another one
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
-MOST_WIND = 0.05  # rad, of the steady lean by wind, beside what gusts tell
+MOST_WIND = 0.05  # rad, of the steady lean by wind where that is not stated, beside what gusts show:
+STEADY = 4.0  # its standard deviation over that of gusts, whose turbulence is 10 to 25 %
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
 AROUND_S = 1.0  # of a sensor's readings before the first and after the last frame
 SENSOR_CLOCK_SD_S = 0.03
@@ -61,7 +62,11 @@ SENSOR_SCALE_SD = 0.01  # of scale and misalignment: cheap sensors have 1 %, and
 REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
 WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change in that time
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
-CLOCK_STEP_S, CLOCK_ROUNDS = 0.75, 3  # of the search of the controller's clock
+CLOCK_STEP_S, CLOCK_ROUNDS, CLEARLY = (
+    0.75,
+    3,
+    0.8,
+)  # of the search of the controller's clock, and by what ratio it counts
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 
@@ -160,8 +165,10 @@ class PendulumSmoother(PathEstimator):
         mean[OFFSET], mean[DAMPING] = calibration.offset_m, self.damping
         sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = self.tilt_sd, offset_sd, self.damping_sd, self.stiffness_sd
         jib, motion = JibMotion.at_rest(), None
+        steady, lean = 0.0, float(np.sqrt(self.intervals.lean_variance))
         if imu is not None or self.controller is not None:
-            mean[LONGER], sd[LONGER], sd[WIND] = self.longer_m, self.longer_sd_m, MOST_WIND
+            steady, lean = (0.0, lean) if lean else (STEADY**-2.0, MOST_WIND)
+            mean[LONGER], sd[LONGER], sd[WIND] = self.longer_m, self.longer_sd_m, lean
         if imu is not None:
             if reason := unfit(frames.time, imu):
                 return reason
@@ -182,7 +189,7 @@ class PendulumSmoother(PathEstimator):
         start = mean.copy()
         if imu is None:
             start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
-        priors = PendulumPriors(mean, sd, focal_px, jib)
+        priors = PendulumPriors(mean, sd, focal_px, jib, steady)
         turn, offset = camera(start, frames.time, jib)
         assert frames.rope_length is not None
         swing = looked_along(turn, frames.places()[1], frames.rope_length[0], offset)
@@ -266,14 +273,17 @@ class PendulumSmoother(PathEstimator):
 
 
 def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> Array:
-    """Start with the clock that fits best after a few steps: only from within a second is the true one reached."""
+    """Start with the clock that fits clearly best after a few steps: a second off, the true one is not reached."""
     reach = 2 * float(priors.sd[CLOCK])
-    starts = [start + delay * (np.arange(len(start)) == CLOCK)
-              for delay in np.linspace(-reach, reach, 2 * int(reach / CLOCK_STEP_S) + 1)]  # fmt: skip
-    if len(starts) == 1:
+    steps = int(reach / CLOCK_STEP_S)
+    if not steps:
         return start
-    fits = [fit(nodes, path, one, strengths, priors, 0, rounds=CLOCK_ROUNDS) for one in starts]
-    return starts[int(np.argmin([one.minimum.value for one in fits]))]
+    delays = np.outer(np.linspace(-reach, reach, 2 * steps + 1), np.arange(len(start)) == CLOCK)
+    fits = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
+    best = min(fits, key=lambda one: one.minimum.value)
+    if best.minimum.value > CLEARLY * fits[steps].minimum.value:
+        return start
+    return np.where(np.arange(len(start)) == CLOCK, best.parameters, start)
 
 
 def _of_jib(found: PendulumFit) -> dict[str, float]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from simgrab.instrument.angles import by_estimate, calibrate
 from simgrab.instrument.contract import Instrument, Measurement
-from simgrab.instrument.estimate.contract import FrameEstimator
 from simgrab.instrument.estimate.follow import Known, far_offset
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
@@ -54,9 +53,10 @@ def assumptions(
     if tilt is not None and tilt.offset_m is None:
         angle = math.degrees(math.atan2(camera.offset_sd_m, ROPE_M))
         outside.insert(0, f"{offset} ({angle:.1f}° on {ROPE_M:g} m of rope)")
-    if record is not None and record.arrays.time is not None and not moving(record.estimator):
-        outside.append("lean of the camera as the crane moves")
-        if isinstance(record.estimator, FrameEstimator) and not record.estimator.intervals.wind_m_s:
+    if record is not None and record.arrays.time is not None:
+        if not moving(record.estimator):
+            outside.append("lean of the camera as the crane moves")
+        if record.estimator is not None and not record.estimator.intervals.wind_m_s:
             outside.append("lean of the grab in steady wind")
     if not any(m.alpha_low is not None for m in measured):
         parts = ["none: the record does not determine them"] if any(m.alpha is not None for m in measured) else []
