@@ -330,7 +330,7 @@ def test_nets_of_a_folder_that_output_nan_or_infinity(tmp_path, which, value):
     picture[160:200, 300:340] = 255
     found = looks(picture)
     if found.found:
-        assert np.isfinite([*found.box, *found.centre, found.yaw, *found.box_sd_px, *found.centre_sd_px]).all()
+        assert np.isfinite([*found.box, *found.centre, found.yaw or 0.0, *found.box_sd_px, *found.centre_sd_px]).all()
         assert (found.box >= 0).all()
     assert 0 <= found.score <= 1
 
