@@ -34,7 +34,7 @@ from simgrab.model.rng import stream
 from simgrab.world.trajectory.trajectory import Trajectory
 
 FRAMES, EVERY, FROM = 2700, 3, 45  # of a clip; a forecast every third; the first one
-AT_ONCE = 40  # clips in a process
+AT_ONCE = 10  # clips in a process
 NOISE, TILT = 1.3 / 1644.82, np.radians(0.13)
 HARD = {"swing.work.slew_rpm": 1.2, "swing.work.operator": 0.75, "swing.work.slew_deg": -90.0}  # ramps of 6 s
 WORLDS: dict[str, tuple[str, Mapping[str, Any]]] = {
