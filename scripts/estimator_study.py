@@ -24,6 +24,7 @@ from scipy.signal import lfilter
 
 import simgrab
 from simgrab.dataset.tables import calibration_of
+from simgrab.instrument.angles import stated_ends
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import Estimator, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
@@ -32,7 +33,6 @@ from simgrab.instrument.estimate.pendulum_smoother import WANDER_S
 from simgrab.lab.bench.season import WIND_M_S
 from simgrab.model import scenes
 from simgrab.model.geometry import Array, to_camera
-from simgrab.model.records.estimates import Estimate
 from simgrab.model.rng import stream
 from simgrab.world.trajectory.trajectory import Trajectory
 
@@ -77,6 +77,7 @@ def _clip(mount: str, wind: float, clip: int) -> tuple[Any, ...]:
 
 @lru_cache(maxsize=1)
 def _imu(mount: str, wind: float, clip: int) -> ImuReadings:
+    """Record the readings of an inertial sensor in the camera's housing in the same clip."""
     scenario = _clip(mount, wind, clip)[0]
     found, stated = simgrab.sensors(scenario)["imu0"], scenario.sensors["imu0"].errors
     return ImuReadings(
@@ -95,8 +96,8 @@ def _wandering(time: Array, rng: np.random.Generator) -> Array:
 
 def _readings(time: Array, jib: Array, rng: np.random.Generator, reading: Reading) -> Controller:
     """Read the jib's slew angle and radius (n, 2) at times (n,) as a controller does."""
-    at, steps = np.arange(time[0], time[-1], 1 / reading["rate_hz"]), np.radians(reading["slew_deg"])
-    steps = np.array([steps, reading["radius_m"]])
+    at = np.arange(time[0], time[-1], 1 / reading["rate_hz"])
+    steps = np.array([np.radians(reading["slew_deg"]), reading["radius_m"]])
     values = np.round(CubicSpline(time, jib)(at) / steps) * steps
     values[rng.random(len(at)) < reading["dropout"]] = np.nan
     values[at % MINUTE_S > MINUTE_S - reading["gap_s"]] = np.nan
@@ -109,7 +110,7 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
     mount, weather, seconds, given = cell
     wind, (noise, wander) = WIND_M_S.get(weather, CALM_M_S), ERRORS[weather]
     _, known, time, jib, alpha, rope, exact = _clip(mount, wind, clip)
-    size, found = int(seconds * RATE_HZ), Errors()
+    size, found, intervals = int(seconds * RATE_HZ), Errors(), replace(WORKING, wind_m_s=wind)
     for part in range(min(most, len(time) // size)):
         rng, some = stream(0, clip, f"{mount} {weather} {seconds:g} {part}"), slice(part * size, (part + 1) * size)
         t = time[some]
@@ -117,13 +118,11 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
         x, y, z = (np.array(known.offset_m) + rng.normal(0, OFFSET_SD_M, 3)).tolist()
         camera = msgspec.structs.replace(known, offset_m=(x, y, z), offset_sd_m=OFFSET_SD_M)
         sd = np.full(size, np.hypot(noise, wander))
-        estimator: Estimator = RopeAware(intervals=replace(WORKING, wind_m_s=wind))
-        if given != "rope-aware":
-            controller = _readings(t, jib[some], rng, reading) if given == "controller" else None
-            imu = _imu(mount, wind, clip) if given == "imu" else None
-            estimator = PendulumSmoother(
-                controller=controller, imu=imu, wander_px=wander, intervals=replace(WORKING, wind_m_s=wind)
-            )
+        controller = _readings(t, jib[some], rng, reading) if given == "controller" else None
+        imu = _imu(mount, wind, clip) if given == "imu" else None
+        estimator: Estimator = PendulumSmoother(controller=controller, imu=imu, wander_px=wander, intervals=intervals)
+        if given == "rope-aware":
+            estimator = RopeAware(intervals=intervals)
         length = np.round(rope[some] / ROPE_STEP_M) * ROPE_STEP_M
         estimate = estimator.estimate(pixels, camera, rope_length=length, time=t, pixel_sd=sd)
         if not estimate.ok:
@@ -131,7 +130,7 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
             continue
         found_alpha = np.asarray(estimate.alpha)
         seen = np.isfinite(found_alpha)
-        low, high = _ends(estimate).T
+        low, high = stated_ends(estimate).T
         error = np.degrees(found_alpha - alpha[some])[seen]
         inside = ((low <= alpha[some]) & (alpha[some] <= high))[seen]
         found.append((np.mean(error**2), np.mean(inside), np.degrees(np.mean((high - low)[seen]))))
@@ -141,13 +140,6 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
 def of_clip(cells: list[Cell], most: int, reading: Reading, clip: int) -> list[Errors]:
     """Estimate the records of all cells of one clip."""
     return [records(cell, clip, most, reading) for cell in cells]
-
-
-def _ends(estimate: Estimate) -> Array:
-    """Interval (n, 2) of each α that a run states, rad; NaN where there is none."""
-    kinds = {one.kind: one.alpha for one in estimate.intervals if one.alpha is not None}
-    stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
-    return np.full((estimate.frames, 2), np.nan) if stated is None else np.asarray(stated)
 
 
 def _summary(clips: list[Errors]) -> str:

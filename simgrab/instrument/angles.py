@@ -89,12 +89,15 @@ def by_estimate(record: RecordArrays, estimator: Estimator, estimate: Estimate) 
     assert estimate.alpha is not None
     some = record.usable(rope=estimator.needs_rope)
     alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
-    alpha[some] = estimate.alpha
+    alpha[some], ends[some] = estimate.alpha, stated_ends(estimate)
+    return alpha, ends
+
+
+def stated_ends(estimate: Estimate) -> Array:
+    """Intervals (n, 2) of α that a run states: by a model of the motion, else by blocks, else by frames, else NaN."""
     kinds = {i.kind: i.alpha for i in estimate.intervals if i.alpha is not None}
     stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
-    if stated is not None:
-        ends[some] = stated
-    return alpha, ends
+    return np.full((np.size(estimate.alpha), 2), np.nan) if stated is None else np.asarray(stated)
 
 
 def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array, Array]:

@@ -62,11 +62,8 @@ SENSOR_SCALE_SD = 0.01  # of scale and misalignment: cheap sensors have 1 %, and
 REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
 WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change in that time
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
-CLOCK_STEP_S, CLOCK_ROUNDS, CLEARLY = (
-    0.75,
-    3,
-    0.8,
-)  # of the search of the controller's clock, and by what ratio it counts
+CLOCK_STEP_S, CLOCK_ROUNDS = 0.75, 3  # of the search of the controller's clock
+CLEARLY = 0.8  # ratio of twice the negative log posteriors below which another clock counts
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 
@@ -165,10 +162,13 @@ class PendulumSmoother(PathEstimator):
         mean[OFFSET], mean[DAMPING] = calibration.offset_m, self.damping
         sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = self.tilt_sd, offset_sd, self.damping_sd, self.stiffness_sd
         jib, motion = JibMotion.at_rest(), None
-        steady, lean = 0.0, float(np.sqrt(self.intervals.lean_variance))
+        steady = 0.0
         if imu is not None or self.controller is not None:
-            steady, lean = (0.0, lean) if lean else (STEADY**-2.0, MOST_WIND)
-            mean[LONGER], sd[LONGER], sd[WIND] = self.longer_m, self.longer_sd_m, lean
+            mean[LONGER], sd[LONGER] = self.longer_m, self.longer_sd_m
+            if self.intervals.wind_m_s:
+                sd[WIND] = np.sqrt(self.intervals.lean_variance)
+            else:
+                sd[WIND], steady = MOST_WIND, STEADY**-2.0
         if imu is not None:
             if reason := unfit(frames.time, imu):
                 return reason

@@ -188,7 +188,7 @@ def adapted(plan: Plan, old: Variant, new: Variant) -> Plan | None:
 
 
 def replanned(plan: Plan, old: Variant, new: Variant) -> Plan:
-    """Plan the world of another variant anew, but for its place where that is the same.
+    """Plan the world of another variant, with the same place where that does not change.
 
     Raises
     ------
