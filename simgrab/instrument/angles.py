@@ -97,7 +97,10 @@ def stated_ends(estimate: Estimate) -> Array:
     """Intervals (n, 2) of α that a run states: by a model of the motion, else by blocks, else by frames, else NaN."""
     kinds = {i.kind: i.alpha for i in estimate.intervals if i.alpha is not None}
     stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
-    return np.full((np.size(estimate.alpha), 2), np.nan) if stated is None else np.asarray(stated)
+    if stated is not None:
+        return np.asarray(stated)
+    assert estimate.alpha is not None
+    return np.full((len(estimate.alpha), 2), np.nan)
 
 
 def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array, Array]:
