@@ -11,6 +11,7 @@ from simgrab.dataset import price
 from simgrab.world.extensions import Recipe
 
 COSTS = {64: 7.0, 16: 3.0, 8: 1.0, 1: 0.25}  # s, of a frame that begins so many
+CHECK = 2.0  # of a world
 
 
 def begins(frame):
@@ -25,15 +26,21 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
         clock.now += COSTS[begins(frame)]
         return SimpleNamespace(files={"a.jpg": bytes(1000 * begins(frame))}, record=None)
 
+    def check(_recipe, _frames):
+        clock.now += CHECK
+
     monkeypatch.setattr(price.stored, "make", make)
+    monkeypatch.setattr(price, "vet", check)
     monkeypatch.setattr(price, "time", SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.now))
     monkeypatch.setattr(price.machine, "cores", lambda: cores)
     for frames in (1000, 777):
         scene = simgrab.load("training", {"frames": frames, "every": {"place": 64, "grab": 16}})
         found = price.measured(Recipe(scene), workers)
-        assert found.seconds == pytest.approx(share * sum(COSTS[begins(frame)] for frame in range(frames)))
+        worlds = -(-frames // 64)
+        rendered = sum(COSTS[begins(frame)] for frame in range(frames))
+        assert found.seconds == pytest.approx(share * (worlds * CHECK + rendered))
         assert found.size == sum(1000 * begins(frame) + len(b"null") for frame in range(frames))
-        assert found.worlds == -(-frames // 64)
+        assert found.worlds == worlds
     clock.now = 0.0
     same = simgrab.load("quay-day", {"frames": 1000})
     assert price.measured(Recipe(same), 1).worlds == 1
