@@ -27,9 +27,12 @@ from simgrab.dataset import stored
 from simgrab.io.files import write
 from simgrab.judge.audit.second_renderer.pyrender_process import OPENGL_FROM_OPENCV, projection
 from simgrab.model import scenes
+from simgrab.model.rng import stream
+from simgrab.model.scenario import Scenario
 from simgrab.world.frames import FrameGenerator
 
 FINISHED, BARE = "simgrab: finished labelled frame", "mujoco.Renderer: rgb and segmentation"
+BOXES = "mujoco.Renderer: rgb of 400 boxes, not antialiased"
 PYRENDER, CYCLES = "pyrender: rgb and depth, no shadows", "Blender Cycles, 16 samples: rgb"
 SAMPLES, WARM_UP = 16, 2
 Timed = tuple[float, float]  # s and CPU s of a frame, its world included
@@ -40,6 +43,8 @@ def compared(
 ) -> Iterator[Quantity]:
     """Measure frames by simgrab, ``mujoco.Renderer`` and, where wanted, pyrender and Blender; worlds are included.
 
+    A small scene by ``mujoco.Renderer``, with a shadow map of 2,048 px, is always the same, so that runs can be compared.
+
     The first two frames warm up. Blender, in a process for each of ``traced`` frames, is given all cores.
     """
     scenario = scenes.load(scene, {"frames": frames + WARM_UP}, size=size)
@@ -47,7 +52,7 @@ def compared(
         generator = stack.enter_context(FrameGenerator(scenario))
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         acts: dict[str, Callable[[int], Timed]] = {FINISHED: partial(_finished, generator, folder)}
-        acts[BARE] = Bare(generator).render
+        acts[BARE], acts[BOXES] = Bare(generator).render, _boxes(scenario)
         if pyrender:
             spawn = multiprocessing.get_context("spawn")
             pool = stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn))
@@ -67,7 +72,7 @@ def compared(
             yield Quantity.ms(f"{name}: CPU time", (taken[1] for taken in kept.values()))
         if name != FINISHED:
             ratios = [taken[0] / took[FINISHED][frame][0] for frame, taken in kept.items()]
-            yield Quantity.of(f"{name.partition(':')[0]} over simgrab", "×", *ratios)
+            yield Quantity.of(f"{name}: over simgrab", "×", *ratios)
 
 
 def _timed(act: Callable[[], Any]) -> Timed:
@@ -123,6 +128,28 @@ class Bare:
             self._renderer.update_scene(scene.renderer.data, mujoco.MjvCamera(), option)
             scene.renderer.aim(scene.renderer.full, self._renderer.scene)
             self._renderer.render()
+
+
+def _boxes(scenario: Scenario) -> Callable[[int], Timed]:
+    import mujoco
+
+    k, rng, spec = scenario.camera.intrinsics, stream(0, 0, "boxes"), mujoco.MjSpec()
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = k.width_px, k.height_px
+    spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 2048
+    spec.worldbody.add_light(pos=[5, 5, 30], dir=[-0.2, -0.2, -1])
+    spec.worldbody.add_camera(name="above", pos=[0, 0, 20], fovy=50)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[30, 30, 1])
+    for x, y, side in rng.uniform((-15, -9, 0.2), (15, 9, 0.8), (400, 3)).tolist():
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[side] * 3, pos=[x, y, side])
+    model = spec.compile()
+    data, renderer = mujoco.MjData(model), mujoco.Renderer(model, k.height_px, k.width_px)
+    mujoco.mj_forward(model, data)
+
+    def render() -> None:
+        renderer.update_scene(data, "above")
+        renderer.render()
+
+    return lambda _frame: _timed(render)
 
 
 def _by_pyrender(generator: FrameGenerator, folder: Path, pool: ProcessPoolExecutor, frame: int) -> Timed:
