@@ -43,7 +43,7 @@ def compared(
 ) -> Iterator[Quantity]:
     """Measure frames by simgrab, ``mujoco.Renderer`` and, where wanted, pyrender and Blender; worlds are included.
 
-    A small scene by ``mujoco.Renderer``, with a shadow map of 2,048 px, is always the same, so that runs can be compared.
+    A small scene by ``mujoco.Renderer``, with a shadow map of 2,048 px, is always the same, to compare runs by.
 
     The first two frames warm up. Blender, in a process for each of ``traced`` frames, is given all cores.
     """
