@@ -284,7 +284,7 @@ def test_another_record_is_refused():
         with pytest.raises(RecordError, match=rf"they follow as {unit}.*: see rope\.unit"):
             clock_offset(reading(rope=ROPE / factor), frames, displayed(frames, 0.5))
     with pytest.raises(RecordError, match=r"is it another record\?"):  # a display that hardly moves fits any factor
-        clock_offset(reading(rope=10 * ROPE), frames, 15 + 0.1 * np.sin(frames))
+        clock_offset(reading(rope=15 + (ROPE - 15) / 2), frames, 15 + 0.1 * np.sin(frames))
     with pytest.raises(RecordError, match=r"no time in common: 0\.0 to 59\.9 s and 100\.0 to .* time\.start"):
         clock_offset(reading(), frames + 95, displayed(frames, 0.5))
 

@@ -29,7 +29,9 @@ FEET, DEGREES = 0.3048, 180 / np.pi
 
 
 def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, found: Estimate) -> str:
-    """Say that the swing does not follow the controller's motion, and with which one mistake mended it would.
+    """Say that the swing does not follow the controller's motion, and without which mistake it would.
+
+    Of an estimate that was refused it says so only where there is one such mistake, and else what to check.
 
     A mistake is named where the swing follows without it on the stretch with most of the motion, and is far more likely
     than without each of the others that are tried.
@@ -66,8 +68,10 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
     first, *others = [*sorted(costs, key=lambda text: costs[text])] or [""]
     sure = first and all(costs[other] > costs[first] + CLEARLY for other in others)
     checks = "are slew (unit, clockwise), radius or luff, offset_m, the rope's length and time.start right?"
-    cause = first if sure else checks
-    return f"the swing does not follow the controller's motion, and angles may be wrong by degrees: {cause}"
+    if not (sure or found.ok):  # what is not converged may yet be right
+        return checks
+    said = "the swing does not follow the controller's motion, and angles may be wrong by degrees"
+    return f"{said}: {first if sure else checks}"
 
 
 def follows(found: Estimate) -> bool:
@@ -83,7 +87,8 @@ def follows(found: Estimate) -> bool:
 
 
 def _mistakes(controller: Controller) -> Iterator[tuple[str, Controller, float]]:
-    """Yield what would explain it, the data without that mistake, and the factor of the rope's length."""
+    """Yield what would explain it, the data without that mistake, and the factor of the rope's length; first none."""
+    yield "", controller, 1.0
     if controller.slew is not None and np.nanmax(controller.slew) > np.nanmin(controller.slew):
         yield "it follows with slew.clockwise the other way round", replace(controller, slew=-controller.slew), 1.0
         rate = np.diff(np.interp(np.arange(*controller.time[[0, -1]]), controller.time, controller.slew))  # rad/s
