@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from simgrab.instrument.estimate import PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.doubts import doubt, follows
@@ -18,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import swinging
 
 REFUSED = Estimate(status="refused", reason=NOT_CONVERGED)
-FORCED = Estimate(diagnostics={"forcing": 1e-2, "lean_sd": 5e-3, "follows": 0.0, "longer_m": 0.4})
+FORCED = Estimate(diagnostics={"forcing": 1e-2, "lean_sd": 5e-3, "follows": 0.0, "longer_m": -1.6})
 
 
 def given(mount, seed):
@@ -56,3 +57,13 @@ def test_a_mistake_that_alone_explains_it_is_named(mount, seed, mistake, named):
     assert named in said
     if seed == 102:
         assert doubt(estimator, record, camera, REFUSED) == said.partition(": ")[2]
+
+
+def test_errors_of_pixels_that_last_and_are_not_stated_are_no_contradiction():
+    record, camera, reports = given("levelled", 101)
+    lasting = 4.0 * lfilter([0.15], [1.0, -0.99], np.random.default_rng(4).normal(size=record.pixels.shape), axis=0)
+    record = replace(record, pixels=record.pixels + lasting)
+    estimator = PendulumSmoother(controller=reports)
+    found = estimator.estimate(record.pixels, camera, rope_length=record.rope_length, time=record.time)
+    assert not follows(found)
+    assert doubt(estimator, record, camera, found) == ""
