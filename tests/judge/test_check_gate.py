@@ -27,7 +27,7 @@ from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.pipeline import Pipeline
-from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, trial, verdicts
+from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, table, trial, verdicts
 from simgrab.judge.check.causes import causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.truths import Truths
@@ -278,6 +278,23 @@ class RadiansTwice:
             yield msgspec.structs.replace(m, alpha=np.radians(m.alpha), alpha_low=None, alpha_high=None)
 
 
+def test_a_wrong_tilt_is_named(place, tmp_path):
+    tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1.0}}))
+    (scene,) = gate.check(tight, options(place, FAULTS["sign of gamma"], baseline=None)).scenes.values()
+    found = re.search(
+        r"Correct the tilt first: this pipeline's is (\S+)° with an azimuth of (\S+)°, from 16 frames; the true one is "
+        r"(\S+)° with (\S+)°. With it, the RMSE would be (\S+)° instead of (\S+)°\.",
+        scene.causes,
+    )
+    own, azimuth, true, true_azimuth, rmse, worse = map(float, found.groups())
+    assert (true, true_azimuth, own, azimuth % 360) == (5.0, 40.0, pytest.approx(5, abs=0.5), pytest.approx(320, abs=5))
+    assert rmse < 0.1 < 1.0 < worse
+    assert "the error arises" not in scene.causes
+    for fault in ("h 5 % off", "detector 2 px to the right"):  # whose tilt follows from another error
+        (scene,) = check(place, FAULTS[fault]).scenes.values()
+        assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+
+
 def test_angles_converted_twice_are_named(place):
     result = gate.check(suite.load(place / "small.toml"), options(place, RadiansTwice(sound(place / "cache"))))
     (scene,) = result.scenes.values()
@@ -378,6 +395,10 @@ def raises_in_frame_9(frames):
     return [1 / (i - 9) and MEASURED for i, _ in enumerate(frames)]
 
 
+def raises_late(frames):
+    yield from ([] if i < 2 else [1 / (i - 11) and MEASURED] for i, _ in enumerate(frames))
+
+
 def quits(_):
     sys.exit("no licence")
 
@@ -392,6 +413,8 @@ def outputs(**fields):
 ACTS = {
     "raises": (raises, "ZeroDivisionError: division by zero"),
     "raises in frame 9": (raises_in_frame_9, "the last frame it took is 9"),
+    "raises in frame 9 after all frames": (lambda f: raises_in_frame_9(list(f)), "it had taken all 16 frames"),
+    "raises in frame 9 of its own": (raises_late, "the last frame it took is 11, and measured up to frame 8"),
     "quits": (quits, "SystemExit: no licence"),
     "gives nothing": (lambda _: None, "TypeError"),
     "gives too few": (lambda _: [MEASURED], "measurements of"),
@@ -406,6 +429,11 @@ ACTS = {
     ),
     "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
     "gives a text": (outputs(alpha="0.1"), "frame 0: alpha"),
+    "gives no angle in frame 9": (
+        lambda frames: [MEASURED if i != 9 else Measurement(status="ok") for i, _ in enumerate(list(frames))],
+        "frame 9: status 'ok' needs alpha",
+    ),
+    "gives a status of its own": (outputs(status="fine"), "frame 0: status: invalid enum value 'fine'; there are: ok,"),
     "gives nan": (outputs(alpha=float("nan")), "frame 0: alpha"),
     "gives a centre of nan": (outputs(centre=(float("nan"), 1.0)), "centre: (nan, 1.0) is not finite"),
     "gives a sure danger": (outputs(danger=1.5), "frame 0: danger"),
@@ -610,6 +638,23 @@ def test_a_broken_suite_is_an_error_and_leaves_nothing(shell, tmp_path):
     with pytest.raises(SuiteError, match=r"limts: unknown key \(did you mean 'limits'"):
         shell("--instrument", "pipelines:sound", at=bad)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_names_of_figures_are_whole_in_a_log_of_80_columns(terminal, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("FORCE_COLOR" if terminal else "NO_COLOR", "1")
+    names = ["reading.frames_refused.value", "detection.centre.box_radial_mean_px", "angle.by_rope.15 to 20 m.rmse_deg"]
+    found = [
+        report.Verdict(scene="night-light-snow", what=name, status="passed", value=0.1234, limit="≥ -0.4, ≤ 0.4",
+                       reference=0.2, allowed=0.1, frames="12 of 16 frames")
+        for name in names
+    ]  # fmt: skip
+    table.show(report.Report("s", "i", 0, tuple(found)))
+    out = capsys.readouterr().out
+    assert all(name in out for name in names)
+    assert out.count("passed") == len(names) + 2
+    assert "…" not in out
 
 
 def test_a_report_with_odd_texts_is_still_xml(tmp_path):

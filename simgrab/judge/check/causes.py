@@ -9,6 +9,7 @@ import numpy as np
 
 from simgrab.instrument.run.runs import reasons
 from simgrab.judge.check.trial import Trial
+from simgrab.judge.evaluate.budget import tilts
 
 _LISTED = 4  # frames at most
 
@@ -59,6 +60,16 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
             f"Most of the error is an offset: on average, the measured angle is {abs(bias):.2f}° too "
             f"{'large' if bias > 0 else 'small'}. Without it the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
         )
+    later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
+    tilt = tilts(run, trial.known)
+    if tilt and max(tilt.unlike_deg, tilt.rmse_deg) < rmse / 2:  # its angles follow from its tilt, which is wrong
+        yield (
+            f"Correct the tilt first: this pipeline's is {tilt.used.beta_deg:.2f}° with an azimuth of "
+            f"{tilt.used.tilt_azimuth_deg:.0f}°, from {tilt.used.frames} frames; the true one is "
+            f"{tilt.true.beta_deg:.2f}° with {tilt.true.tilt_azimuth_deg:.0f}°. With it, the RMSE would be "
+            f"{tilt.rmse_deg:.2f}° instead of {rmse:.2f}°.{later}"
+        )
+        return
     budget = trial.evaluation.budget
     if budget is None:
         return
@@ -85,6 +96,7 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
             f"computes angles with an RMSE of {fed:.2f}°: the error arises where this pipeline computes its angles."
         )
     elif round(own, 2) >= round(fed, 2):  # else the budget is of errors that this pipeline avoids
-        yield f"Largest contribution in the error budget with simgrab's estimator {budget.estimator}: {budget.limit}."
-        if compared:
-            yield "That is of the whole error; what grew since the baseline may be another."
+        yield (
+            f"Largest contribution in the error budget with simgrab's estimator {budget.estimator}: "
+            f"{budget.limit}.{later}"
+        )
