@@ -267,15 +267,16 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
 
 
 @dataclasses.dataclass
-class RadiansTwice:
-    """Converts the angles of the sound pipeline from degrees once more."""
+class Times:
+    """Multiplies the angles of the sound pipeline."""
 
     pipeline: Pipeline
-    name: str = "radians twice"
+    factor: float
+    name: str = "times"
 
     def __call__(self, frames, calibration):
         for m in self.pipeline.record(frames, calibration).measurements:
-            yield msgspec.structs.replace(m, alpha=np.radians(m.alpha), alpha_low=None, alpha_high=None)
+            yield msgspec.structs.replace(m, alpha=self.factor * m.alpha, alpha_low=None, alpha_high=None)
 
 
 def test_a_wrong_tilt_is_named(place, tmp_path):
@@ -283,22 +284,35 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
     (scene,) = gate.check(tight, options(place, FAULTS["sign of gamma"], baseline=None)).scenes.values()
     found = re.search(
         r"Correct the tilt first: this pipeline's is (\S+)° with an azimuth of (\S+)°, from 16 frames; the true one is "
-        r"(\S+)° with (\S+)°. With it, the RMSE would be (\S+)° instead of (\S+)°\.",
+        r"(\S+)° with (\S+)°. With that, the RMSE would be (\S+)° instead of (\S+)°\.",
         scene.causes,
     )
     own, azimuth, true, true_azimuth, rmse, worse = map(float, found.groups())
     assert (true, true_azimuth, own, azimuth % 360) == (5.0, 40.0, pytest.approx(5, abs=0.5), pytest.approx(320, abs=5))
     assert rmse < 0.1 < 1.0 < worse
     assert "the error arises" not in scene.causes
-    for fault in ("h 5 % off", "detector 2 px to the right"):  # whose tilt follows from another error
-        (scene,) = check(place, FAULTS[fault]).scenes.values()
-        assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    (scene,) = check(place, FAULTS["h 5 % off"]).scenes.values()  # its wrong tilt is not what its angles follow from
+    assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+
+
+def test_a_wrong_centre_comes_before_the_tilt_that_is_estimated_from_it(place):
+    (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
+    why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert scene.trial.evaluation.budget.limit == "tilt estimated"  # most of the whole error
+    assert re.search(r"Correct the centre first: its error \(95th percentile\) is 2\.\d px\.", why)
+    assert "the tilt first" not in why
 
 
 def test_angles_converted_twice_are_named(place):
-    result = gate.check(suite.load(place / "small.toml"), options(place, RadiansTwice(sound(place / "cache"))))
-    (scene,) = result.scenes.values()
+    (scene,) = check(place, Times(sound(place / "cache"), np.pi / 180)).scenes.values()
     assert "converted from degrees to radians twice" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+
+
+def test_a_factor_is_told_from_an_offset(place):
+    (scene,) = check(place, Times(sound(place / "cache"), 0.5)).scenes.values()
+    why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert "the measured angle is 0.50 times the true one. Without it the RMSE would be 0.1" in why
+    assert "offset" not in why
 
 
 @dataclasses.dataclass
@@ -343,13 +357,15 @@ def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
     assert first["true_deg"] == scene.trial.dataset.rows[first["frame"]].alpha_deg
     assert "the error arises" not in scene.causes
     assert "Largest contribution" not in scene.causes
-    (scene,) = gate.check(strict, options(place, sound, baseline=None)).scenes.values()
+    (scene,) = gate.check(strict, options(place, FAULTS["3 read as 8"], baseline=None)).scenes.values()
     assert "Largest contribution in the error budget with simgrab's estimator rope-aware: " in scene.causes
     found = scene.trial.evaluation
-    own = msgspec.structs.replace(found.budget.run, rmse_deg=0.0)  # better than simgrab's estimator
-    better = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own))
-    why = " ".join(causes(dataclasses.replace(scene.trial, evaluation=better), ["angle.overall.rmse_deg"]))
-    assert "Largest contribution" not in why
+    for times, said in ((0.0, ""), (1.5, "the error arises where")):  # simgrab's estimator's error from its inputs
+        own = msgspec.structs.replace(found.budget.run, rmse_deg=times * found.budget.chain[-1].rmse_deg)
+        other = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own))
+        why = " ".join(causes(dataclasses.replace(scene.trial, evaluation=other), ["angle.overall.rmse_deg"]))
+        assert said in why
+        assert "Largest contribution" not in why
     every = gate.check(small, options(place, Astray(sound(place / "cache"), 1), baseline=None))
     assert failed(every)["detection.centre.p95_px"].endswith("(IoU of at least 0.5), and none of 16 does")
     assert not gate.check(small, options(place, sound, baseline=None)).notes[1:]
@@ -396,7 +412,9 @@ def raises_in_frame_9(frames):
 
 
 def raises_late(frames):
-    yield from ([] if i < 2 else [1 / (i - 11) and MEASURED] for i, _ in enumerate(frames))
+    for i, _ in enumerate(frames):
+        if i >= 2:  # it measures frame 0 once it has taken frame 2
+            yield 1 / (i - 11) and MEASURED
 
 
 def quits(_):

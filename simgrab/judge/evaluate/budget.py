@@ -195,7 +195,7 @@ class Tilts(NamedTuple):
     rmse_deg: float
 
 
-def tilts(run: Run, known: Truths) -> Tilts | None:
+def of_tilt(run: Run, known: Truths) -> Tilts | None:
     """Compare a run's tilt with the true one; None if it states none, or no centres."""
     parts = None if run.about["tilt"] is None else _Parts.of(run, known)
     if parts is None:
@@ -209,6 +209,14 @@ def tilts(run: Run, known: Truths) -> Tilts | None:
     pairs = (own, run.alpha[parts.some]), (other, parts.alpha)
     unlike, rmse = (errors(*pair)["rmse_deg"] for pair in pairs)
     return None if unlike is None or rmse is None else Tilts(used, true, unlike, rmse)
+
+
+def of_centres(run: Run, known: Truths) -> float:
+    """RMSE, degrees, of the angles that follow from a run's centres if all else is true; 0 if it states no centres."""
+    parts = _Parts.of(run, known)
+    if parts is None or len({_built(row) for row in parts.rows}) > 1:
+        return 0.0
+    return errors(by_pose(parts.rows, parts.centre["detected"], parts.rope["true"]), parts.alpha)["rmse_deg"] or 0.0
 
 
 def _given(run: Run) -> Known | None:
