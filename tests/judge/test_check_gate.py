@@ -9,6 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree
 
 import click
@@ -31,6 +32,7 @@ from simgrab.judge.check import baseline, cache, gate, golden, page, report, sui
 from simgrab.judge.check.causes import causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.truths import Truths
+from simgrab.model.records.observations import Detection
 
 # Limits so wide that only the baseline finds a fault.
 SUITE = {
@@ -469,6 +471,36 @@ def test_an_instrument_that_breaks_is_a_failure_reported_in_one_line(place, act)
     problem = failed(check(place, Broken(act), baseline=None))["instrument"]
     assert cause in problem
     assert "\n" not in problem
+
+
+@dataclasses.dataclass
+class BrokenDetector:
+    """Outputs something else than a box for the tenth picture."""
+
+    other: Any
+    name: str = "odd"
+    pictures: int = 0
+
+    def __call__(self, _):
+        self.pictures += 1
+        found = Detection("found", "", 0.9, centre=np.array([240.0, 130.0]))
+        return self.other() if self.pictures == 10 else found
+
+
+@pytest.mark.parametrize(
+    ("other", "cause"),
+    [
+        (lambda: None, "odd: expected a Detection, got NoneType"),
+        (lambda: Detection("found", "", 0.9), "odd: 'found' needs a box or a centre"),
+        (lambda: Detection("found", "", 0.9, centre=np.array([1, np.nan])), "odd: centre: 2 finite numbers are"),
+        (lambda: Detection("found", "", 0.9, box=np.zeros(3)), "odd: box: 4 finite numbers are required, got [0. 0. 0"),
+        (lambda: 1 / 0, f"ZeroDivisionError: division by zero ({__file__}, line "),
+    ],
+)
+def test_a_detection_that_is_invalid_is_a_failure_that_names_its_frame(place, other, cause):
+    problem = failed(check(place, Pipeline(BrokenDetector(other), None), baseline=None))["instrument"]
+    assert cause in problem
+    assert problem.endswith(", in frame 9")
 
 
 def test_numbers_of_numpy_are_numbers(place):

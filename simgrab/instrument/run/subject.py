@@ -188,7 +188,7 @@ def _number(value: Any) -> Any:
 def one_line(
     what: str, *, passing: type[SimgrabError] = InstrumentError, after: Callable[[], str] = str
 ) -> Iterator[None]:
-    """Turn any exception into one line: what failed, why, where in the user's code, and what ``after`` adds.
+    """Turn any exception into one line: what failed, why, where in the user's code, and what notes and ``after`` add.
 
     Errors of the class ``passing`` are raised as they are.
 
@@ -201,11 +201,15 @@ def one_line(
     except (InstrumentError, passing):
         raise
     except SimgrabError as problem:
-        raise InstrumentError(f"{what}: {problem}") from problem
+        raise InstrumentError(f"{what}: {problem}{_notes(problem)}") from problem
     except (Exception, SystemExit) as problem:
         lines = str(problem).strip().splitlines()
         cause = f"{type(problem).__name__}: {lines[0]}" if lines else type(problem).__name__
-        raise InstrumentError(f"{what}: {cause}{_where(problem)}{after()}") from problem
+        raise InstrumentError(f"{what}: {cause}{_where(problem)}{_notes(problem)}{after()}") from problem
+
+
+def _notes(problem: BaseException) -> str:
+    return "".join(f", {note}" for note in getattr(problem, "__notes__", ()))
 
 
 def _where(problem: BaseException) -> str:
