@@ -212,6 +212,8 @@ def _limits(marks: Iterable[pytest.Mark]) -> dict[str, Limit]:
             pytest.fail(f"{MARKER} takes a metric's name, and lower= or upper=; got {mark.args}", pytrace=False)
         if problem := unknown(mark.args[0]):
             pytest.fail(f"{MARKER}: {problem}", pytrace=False)
+        if "slack" in mark.kwargs:
+            pytest.fail(f"{MARKER}: slack is for baselines, which suites have: see simgrab_check", pytrace=False)
         try:
             found.setdefault(mark.args[0], msgspec.convert(mark.kwargs, Limit))
         except msgspec.ValidationError as wrong:
