@@ -67,7 +67,7 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
             f"swing {true_spread:.2f}°{', as if it were converted from degrees to radians twice' if twice else ''}."
         )
         return
-    factor = float((measured @ true) / max(measured @ measured, 1e-12))
+    factor = float(measured @ true) / max(float(measured @ measured), 1e-12)
     scaled, moved = _rms(factor * measured - true), _rms(measured - true - bias)
     without = f"Without it the RMSE would be {min(scaled, moved):.2f}° instead of {rmse:.2f}°."
     if factor > 0 and scaled < min(moved, rmse / 2):
