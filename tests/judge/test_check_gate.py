@@ -310,7 +310,7 @@ def test_angles_converted_twice_are_named(place):
     assert "converted from degrees to radians twice" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
 
 
-def test_a_factor_is_told_from_an_offset(place):
+def test_a_factor_is_named_rather_than_an_offset(place):
     (scene,) = check(place, Times(sound(place / "cache"), 0.5)).scenes.values()
     why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
     assert "the measured angle is 0.50 times the true one. Without it the RMSE would be 0.1" in why
