@@ -1,6 +1,6 @@
 """Measure simgrab on this machine. Ratios are taken pair by pair within one run, so that a noisy machine cancels.
 
-python -m scripts.bench render --scene quay-day       # a finished frame beside a bare mujoco.Renderer
+python -m scripts.bench render --scene quay-day       # a finished frame beside other renderers
 python -m scripts.bench scale --scene training        # what a plan of a large run starts from
 python -m scripts.bench dataset --scene training --workers 1,2,4 --reference FOLDER   # from command to manifest
 python -m scripts.bench motion                        # the physics of a clip
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from scripts import bench_results
 from scripts.bench_results import Quantity, Results, ResultsError
+from scripts.renderers import compared
 from simgrab.cli import main as run_command
 from simgrab.model import layouts, scenes
 
@@ -38,7 +39,6 @@ COUNT = click.IntRange(min=1)
 WARM_UP = 2  # frames
 MEMORY_AFTER = 2000  # frames of a video
 PICTURES, ROUNDS = 12, 20  # of the detector
-FINISHED, BARE = "simgrab: finished labelled frame", "mujoco.Renderer: rgb and segmentation"
 
 
 def _counts(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[int, ...]:
@@ -74,62 +74,6 @@ def resident_mb() -> float:
 def peak_mb() -> float:
     """Return the most memory that this process had."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3
-
-
-def render(scene: str, size: tuple[int, int] | None, pairs: int) -> Iterator[Quantity]:
-    """Measure the time of a finished labelled frame over that of a bare ``mujoco.Renderer``.
-
-    The bare one renders rgb and segmentation of the same posed model, at the same size and through the same camera, and
-    writes nothing; simgrab renders, labels, encodes and writes.
-    """
-    from simgrab.dataset import stored
-    from simgrab.io.files import write
-    from simgrab.world.frames import FrameGenerator
-
-    changes = {"camera.beta_deg": 5.0} if scene == "quay-day" else {}
-    scenario = scenes.load(scene, {**changes, "frames": pairs + WARM_UP}, size=size)
-    with FrameGenerator(scenario) as generator, tempfile.TemporaryDirectory() as folder:
-
-        def finish(frame: int) -> None:
-            for name, data in stored.make(generator, frame).files.items():
-                write(Path(folder) / name, data)
-
-        bare = _bare(generator)
-        took = in_turns({FINISHED: finish, BARE: bare}, range(pairs + WARM_UP), WARM_UP)
-    yield from (Quantity.ms(name, seconds) for name, seconds in took.items())
-    yield Quantity.of("finished frame over bare renderer", "×", *np.divide(took[FINISHED], took[BARE]))
-    yield Quantity.of("peak memory", "MB", peak_mb())
-
-
-def _bare(generator: Any) -> Callable[[int], NDArray[np.uint8]]:
-    """``mujoco.Renderer`` as its documentation uses it, with the geoms and the camera of the frame made last."""
-    import mujoco
-
-    from simgrab.world.scenery.model import HIDDEN, build
-
-    scene, k = generator.scene(0), generator.scenario.camera.intrinsics
-    model = build(scene.scenario, scene.world.plan, textured=True).model  # simgrab uploads textures itself
-    camera, option = mujoco.MjvCamera(), mujoco.MjvOption()
-    option.geomgroup[:] = 1
-    option.geomgroup[HIDDEN] = 0
-    renderer = mujoco.Renderer(model, k.height_px, k.width_px, max_geom=model.ngeom + 16)
-
-    def aim() -> None:
-        ours = generator.scene(0).renderer
-        model.geom_group[:] = generator.scene(0).world.model.geom_group
-        renderer.update_scene(ours.data, camera, option)
-        ours.aim(ours.full, renderer.scene)
-
-    def both(_frame: int) -> NDArray[np.uint8]:
-        renderer.disable_segmentation_rendering()
-        aim()
-        rgb = renderer.render()
-        renderer.enable_segmentation_rendering()
-        aim()
-        renderer.render()
-        return rgb
-
-    return both
 
 
 def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Quantity]:
@@ -325,10 +269,13 @@ def run(video: Path, detector: str, frames: int, live_frames: int) -> Iterator[Q
 
 
 VERBS: dict[str, tuple[Callable[..., Iterator[Quantity]], list[click.Parameter]]] = {
-    "render": (render, [
+    "render": (compared, [
         click.Option(["--scene"], default="quay-day", show_default=True),
         click.Option(["--size"], help="WIDTHxHEIGHT in pixels; the scene's own unless given."),
-        click.Option(["--pairs"], default=30, show_default=True, type=COUNT),
+        click.Option(["--frames"], default=30, show_default=True, type=COUNT),
+        click.Option(["--pyrender"], is_flag=True, help="Include pyrender."),
+        click.Option(["--blender"], metavar="PYTHON", help="Include Blender, by an interpreter that can import bpy."),
+        click.Option(["--traced"], default=4, show_default=True, type=COUNT, help="Frames by Blender."),
     ]),
     "scale": (scale, [
         click.Option(["--scene"], default="training", show_default=True),

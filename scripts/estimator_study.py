@@ -24,11 +24,11 @@ from scipy.signal import lfilter
 
 import simgrab
 from simgrab.dataset.tables import calibration_of
-from simgrab.instrument.angles import stated_ends
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import Estimator, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.estimate.intervals import WORKING
+from simgrab.instrument.estimate.measure import stated_ends
 from simgrab.instrument.estimate.pendulum_smoother import WANDER_S
 from simgrab.lab.bench.season import WIND_M_S
 from simgrab.model import scenes

@@ -131,7 +131,7 @@ def test_files_that_are_not_there_and_folders_are_refused(tmp_path):
         bench.main(["world", "--json", str(tmp_path)], standalone_mode=False)
 
 
-@pytest.mark.parametrize("arguments", [["compare", "a"], ["scale", "--size", "big"], ["render", "--pairs", "0"]])
+@pytest.mark.parametrize("arguments", [["compare", "a"], ["scale", "--size", "big"], ["render", "--frames", "0"]])
 def test_arguments_without_a_meaning_are_refused(arguments):
     with pytest.raises((SimgrabError, click.UsageError)):
         bench.main(arguments, standalone_mode=False)

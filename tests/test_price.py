@@ -11,6 +11,7 @@ from simgrab.dataset import price
 from simgrab.world.extensions import Recipe
 
 COSTS = {64: 7.0, 16: 3.0, 8: 1.0, 1: 0.25}  # s, of a frame that begins so many
+CHECK = 2.0  # of a world
 
 
 def begins(frame):
@@ -25,25 +26,51 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
         clock.now += COSTS[begins(frame)]
         return SimpleNamespace(files={"a.jpg": bytes(1000 * begins(frame))}, record=None)
 
+    def check(_recipe, _frames):
+        clock.now += CHECK
+
     monkeypatch.setattr(price.stored, "make", make)
+    monkeypatch.setattr(price, "vet", check)
     monkeypatch.setattr(price, "time", SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.now))
     monkeypatch.setattr(price.machine, "cores", lambda: cores)
     for frames in (1000, 777):
         scene = simgrab.load("training", {"frames": frames, "every": {"place": 64, "grab": 16}})
         found = price.measured(Recipe(scene), workers)
-        assert found.seconds == pytest.approx(share * sum(COSTS[begins(frame)] for frame in range(frames)))
+        worlds = -(-frames // 64)
+        rendered = sum(COSTS[begins(frame)] for frame in range(frames))
+        assert found.seconds == pytest.approx(share * (worlds * CHECK + rendered))
         assert found.size == sum(1000 * begins(frame) + len(b"null") for frame in range(frames))
-        assert found.worlds == -(-frames // 64)
+        assert found.worlds == worlds
     clock.now = 0.0
     same = simgrab.load("quay-day", {"frames": 1000})
     assert price.measured(Recipe(same), 1).worlds == 1
 
 
+@pytest.mark.parametrize(("clip_frames", "workers", "share"), [(0, 4, 1), (100, 4, 1 / 4), (500, 4, 1 / 2)])
+def test_a_videos_price_is_its_bit_rate_and_a_process_for_each_clip(monkeypatch, clip_frames, workers, share):
+    clock = SimpleNamespace(now=0.0)
+
+    def make(_generator, _frame):
+        clock.now += 1.0
+        return SimpleNamespace(files={"a.jpg": bytes(1000)}, record=None)
+
+    monkeypatch.setattr(price.stored, "make", make)
+    monkeypatch.setattr(price, "time", SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.now))
+    monkeypatch.setattr(price.machine, "cores", lambda: 8)
+    clip = {"clip_frames": clip_frames, "frame_rate_hz": 10.0, "bit_rate_mbit_s": 2.0}
+    scene = simgrab.load("work-cycles", {"frames": 1000, "clip": clip})
+    alone, both = (price.measured(Recipe(scene), workers, files=files, video=True) for files in (False, True))
+    assert alone.seconds == both.seconds == pytest.approx(1000 * share)
+    assert (alone.size, both.size - alone.size) == (25_000_000, 1000 * 1004)
+
+
 def test_many_frames_are_priced_before_the_first_and_few_are_not(monkeypatch, tmp_path):
     monkeypatch.setattr(price, "FEW", 3)
     size = ["render", "quay-day", "--size", "96x64"]
-    many = CliRunner().invoke(cli, [*size, "--frames", "3", "--out", str(tmp_path / "many")])
-    assert "3 frames: about " in many.output
+    monkeypatch.chdir(tmp_path)
+    for output in (["--out", "many"], ["--video", "a.mp4"], ["--video", "b.mp4", "--out", "both"]):
+        many = CliRunner().invoke(cli, [*size, "--frames", "3", *output])
+        assert "3 frames: about " in many.output
     few = CliRunner().invoke(cli, [*size, "--frames", "2", "--out", str(tmp_path / "few")])
     assert (many.exit_code, few.exit_code) == (0, 0)
     assert "about" not in few.output

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from simgrab.model.geometry import Intrinsics
 from simgrab.world.camera.lens import Lens, Window
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import HIDDEN, build
 
 
-def export(generator: FrameGenerator) -> dict[str, Any]:
-    """Export what frame 0 shows. Metres, in the jib frame.
+def export(generator: FrameGenerator, frame: int = 0) -> dict[str, Any]:
+    """Export what a frame shows. Metres, in the jib frame.
 
     Returns
     -------
@@ -27,15 +28,17 @@ def export(generator: FrameGenerator) -> dict[str, Any]:
     """
     import mujoco  # after simgrab.world, which chooses its OpenGL
 
-    scene, moment, k = generator.scene(0), generator.project(0).moment, generator.scenario.camera.intrinsics
+    scene, moment = generator.scene(frame), generator.project(frame).moment
+    camera = scene.scenario.camera
+    k = camera.intrinsics
     model = build(scene.scenario, scene.world.plan, textured=True).model  # simgrab uploads textures itself
     data = scene.renderer.pose(moment)
     groups = scene.world.model.geom_group.astype(np.int64)
     vertices, faces = zip(*(_mesh(model, int(mesh)) for mesh in model.geom_dataid), strict=True)
-    x0, y0, x1, y1 = source_window(generator)
+    x0, y0, x1, y1 = source_window(k)
     return {
         "camera": np.array([x1 - x0, y1 - y0, k.f_px, k.cx_px - x0, k.cy_px - y0]),
-        "jib_from_camera": _pose(moment.tilt.jib_from_camera, np.array(generator.scenario.camera.offset_m)),
+        "jib_from_camera": _pose(moment.tilt.jib_from_camera, np.array(camera.offset_m)),
         "jib_from_geom": np.array([_pose(g.xmat.reshape(3, 3), g.xpos) for g in map(data.geom, range(model.ngeom))]),
         "shown": groups != HIDDEN,
         "groups": groups,
@@ -53,9 +56,8 @@ def export(generator: FrameGenerator) -> dict[str, Any]:
     }
 
 
-def source_window(generator: FrameGenerator) -> Window:
+def source_window(k: Intrinsics) -> Window:
     """Window of the undistorted picture that the lens maps to the picture; without distortion the picture itself."""
-    k = generator.scenario.camera.intrinsics
     full = (0, 0, k.width_px, k.height_px)
     return full if k.distortion.is_null else Lens(k).map(full).source
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import click
@@ -31,9 +32,11 @@ def command(
 ) -> None:  # fmt: skip
     """Estimate camera tilt and swing angles from grab centres.
 
-    FILE is CSV or parquet with columns u_px, v_px[, rope_length_m, time_s]: the grab centre in the image as recorded
-    (empty where it was not detected), |OA| in metres, and seconds. A dataset's labels.parquet works as well: the first
-    two columns may be called grab_u_px, grab_v_px.
+    FILE is CSV or parquet with columns u_px, v_px[, u_sd_px, v_sd_px, rope_length_m, time_s]: the grab centre in the
+    image as recorded (empty where it was not detected), its standard deviations, |OA| in metres, and seconds. A run's
+    angles.csv and a dataset's labels.parquet work as well: the first two columns may be called grab_u_px, grab_v_px.
+
+    Exit status: 0 estimated, 1 refused, 2 bad input.
     """
     from simgrab.instrument.estimate import measure as judge
 
@@ -57,3 +60,5 @@ def command(
     if not no_figure:
         estimate_figure.save(measured, target)
         click.echo(printable(f"figure: {target}"), err=as_json)
+    if not measured.estimate.ok:
+        sys.exit(1)

@@ -95,9 +95,9 @@ def command(
     if resume and not quiet and not any(is_url(place) or Path(place).exists() for place in places):
         click.echo(printable(f"--resume: nothing is begun in {' or '.join(map(str, places))}; begins there"), err=True)
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
+        if not (quiet or as_json or cluster or resume):
+            progress, checking = _priced(recipe, workers, progress, checking, files=out is not None, video=video)
         if out is not None:
-            if not (quiet or as_json or cluster or video or resume):
-                progress, checking = _priced(recipe, workers, progress, checking)
             summary = render(
                 scenario, out, video=video, workers=workers, cluster=cluster, shard_frames=shard_frames,
                 resume=resume, progress=progress, checking=checking, **functions,
@@ -126,7 +126,7 @@ def command(
             click.echo(printable(f"the truth table of each video of {video} is beside it, as .parquet"))
 
 
-def _priced(recipe: Recipe, workers: int, *steps: Counts) -> Iterator[Counts]:
+def _priced(recipe: Recipe, workers: int, *steps: Counts, files: bool, video: Path | None) -> Iterator[Counts]:
     """Print what many frames will take, before the first step of making them begins."""
     from simgrab.dataset import price
 
@@ -136,7 +136,8 @@ def _priced(recipe: Recipe, workers: int, *steps: Counts) -> Iterator[Counts]:
         def counted(done: int, total: int | None) -> None:
             nonlocal printed
             if not printed and recipe.scenario.frames >= price.FEW:
-                click.echo(f"{price.measured(recipe, workers)}; Ctrl-C stops, --resume goes on", err=True)
+                found = price.measured(recipe, workers, files=files, video=video is not None)
+                click.echo(f"{found}; Ctrl-C stops, --resume goes on", err=True)
             printed = True
             step(done, total)
 

@@ -1,4 +1,4 @@
-"""Estimate what a dataset takes, from a few of its frames made on this machine before it is rendered."""
+"""Estimate what a dataset or video takes, from a few of its frames made on this machine before it is rendered."""
 
 from __future__ import annotations
 
@@ -46,12 +46,13 @@ class Price:
         return f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}"
 
 
-def measured(recipe: Recipe, workers: int) -> Price:
-    """Estimate the price of a dataset, as rendered by this number of processes.
+def measured(recipe: Recipe, workers: int, *, files: bool = True, video: bool = False) -> Price:
+    """Estimate the price of a dataset, of a video or of both, as rendered by this number of processes.
 
     Worlds are checked before, and a frame that begins a draw of what varies takes longer than the next. At a few places
     of the dataset a frame of each kind is made, in one process; several share the cores, so they take at least the
-    cores' time for it all.
+    cores' time for it all. A video's size is at most that of its bit rate; one process renders a clip of it, and what
+    coding takes is left out.
 
     Raises
     ------
@@ -83,8 +84,12 @@ def measured(recipe: Recipe, workers: int) -> Price:
     def total(each: list[list[float]]) -> float:
         return sum(count * sum(some) / len(some) for count, some in zip(counts, each, strict=True) if some)
 
+    clip, size = recipe.scenario.clip, total(sizes) if files else 0.0
+    if video:
+        workers = min(workers, clip.count(frames))
+        size += frames / clip.frame_rate_hz * clip.bit_rate_mbit_s * 1e6 / 8
     seconds = max(total(walls) / workers, total(cores) / machine.cores())
-    return Price(frames, math.ceil(frames / periods[0]) if recipe.varies else 1, seconds, round(total(sizes)))
+    return Price(frames, math.ceil(frames / periods[0]) if recipe.varies else 1, seconds, round(size))
 
 
 def _periods(recipe: Recipe) -> list[int]:

@@ -73,16 +73,16 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
         return yaml(sensor, body_from_sensor)
     shared = {"rate_hz": sensor.rate_hz, "lag_s": sensor.lag_s, "jitter_s": sensor.jitter_s}
     counts = {
-        "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg),
-        "radius": ("radius [m]", "m", sensor.radius_resolution_m),
-        "rope": ("rope_length [m]", "m", sensor.rope_resolution_m),
+        "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg, {}),
+        "radius": ("radius [m]", "m", sensor.radius_resolution_m, {}),
+        "rope": ("rope_length [m]", "m", sensor.rope_resolution_m, {"constant_m": 0.0}),
     }
     clock = {"column": STAMP, "unit": "ns", "clock_sd_s": sensor.clock_offset_ms / 1000}
     return tomli_w.dumps(
         {"time": clock}
         | {
-            name: {"column": column, "unit": unit, "resolution": max(count, LEAST_COUNT)} | shared
-            for name, (column, unit, count) in counts.items()
+            name: {"column": column, "unit": unit, "resolution": max(count, LEAST_COUNT)} | shared | more
+            for name, (column, unit, count, more) in counts.items()
         }
     )
 

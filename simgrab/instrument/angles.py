@@ -12,6 +12,7 @@ from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
+from simgrab.instrument.estimate.measure import stated_ends
 from simgrab.instrument.forecast import SETTLED_S, Forecast, Forecaster, forecast, joined
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.rope import Rope
@@ -91,16 +92,6 @@ def by_estimate(record: RecordArrays, estimator: Estimator, estimate: Estimate) 
     alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
     alpha[some], ends[some] = estimate.alpha, stated_ends(estimate)
     return alpha, ends
-
-
-def stated_ends(estimate: Estimate) -> Array:
-    """Intervals (n, 2) of α that a run states: by a model of the motion, else by blocks, else by frames, else NaN."""
-    kinds = {i.kind: i.alpha for i in estimate.intervals if i.alpha is not None}
-    stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
-    if stated is not None:
-        return np.asarray(stated)
-    assert estimate.alpha is not None
-    return np.full((len(estimate.alpha), 2), np.nan)
 
 
 def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,11 +17,14 @@ STEP_S = 0.1  # of the search
 MOST_SEARCH_S = 60.0
 MOST_READINGS = 20_000  # of the display; more say no more of the clock
 LEAST_READINGS = 20
+SAME_M = 1e-3  # within which lengths are the controller's own: a display rounds to centimetres
 LEAST_HOIST_M = 1.0  # that the rope's length must change by to show the clock
 BLOCK_S = 20.0  # within which errors of readings depend on each other
 MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
+OTHER_UNITS = {"feet, not metres": 0.3048, "metres, not feet": 1 / 0.3048, "decimetres, not metres": 0.1}
+BEHIND = "behind the pictures'"  # what a positive offset of the clock means
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +91,7 @@ class Controller:
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What is added to the controller's times to get those of the pictures.
+    """What is added to the controller's times to get those of the pictures: positive if its clock is behind theirs.
 
     Attributes
     ----------
@@ -119,12 +123,19 @@ class ClockOffset:
         )
 
 
+def _unit(misfit: Callable[[float], float], display: Array) -> str:
+    """Name the unit in which lengths, times a factor, follow the display's (n,); ``misfit`` is of the factor, m²."""
+    least = min(MOST_MISFIT_M**2, float(np.var(display)) / 25)
+    fitting = [unit for unit, scale in OTHER_UNITS.items() if misfit(scale) < least]
+    return f"they follow as {fitting[0]}: see rope.unit" if len(fitting) == 1 else "is it another record?"
+
+
 def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOffset:
     """Estimate the offset of the controller's clock from the rope's length on the display.
 
     The display's length is the controller's of some time before, and a constant. That time, which minimises the squared
-    differences, is the clock's offset and the display's delay (`DELAY_S`). It is combined with the stated offset of 0
-    ± ``clock_sd_s``.
+    differences, is the clock's offset and the display's delay (`DELAY_S`), or the offset alone where the lengths are
+    the controller's own. It is combined with the stated offset of 0 ± ``clock_sd_s``.
 
     Parameters
     ----------
@@ -160,8 +171,8 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
         return stated
     t, length = time[known], display[known]
 
-    def misfit(delay: float) -> tuple[float, Array]:
-        error = length - controller.rope_at(t - delay)
+    def misfit(delay: float, scale: float = 1.0) -> tuple[float, Array]:
+        error = length - scale * controller.rope_at(t - delay)
         both = np.isfinite(error)
         return (float(np.var(error[both])) if 2 * both.sum() >= len(t) else math.inf), error
 
@@ -176,7 +187,7 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
         raise RecordError(
             f"the controller's rope length does not follow the display's: they differ by "
             f"{math.sqrt(squares[best]):.1f} m beside a constant, with clocks up to {reach:g} s apart "
-            "(4 time.clock_sd_s); is it another record?"
+            f"(4 time.clock_sd_s); {_unit(lambda scale: min(misfit(delay, scale)[0] for delay in delays), length)}"
         )
     for _ in range(3):  # Gauss–Newton
         slope = (controller.rope_at(t - delay + STEP_S) - controller.rope_at(t - delay - STEP_S)) / (2 * STEP_S)
@@ -188,8 +199,10 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
             return replace(stated, difference_m=difference)
         delay -= float(np.clip(slope @ error / information, -STEP_S, STEP_S))
     sums = np.bincount(((t[both] - t[0]) / BLOCK_S).astype(np.int64), slope * error)
-    variance = float(sums @ sums) / information**2 + DELAY_SD_S**2
-    weight = controller.clock_sd_s**2 / (controller.clock_sd_s**2 + variance)
-    return ClockOffset(
-        weight * (delay - DELAY_S), math.sqrt(weight * variance), "the rope's length on the display", difference
+    own = float(np.std(error)) < SAME_M  # as in a run's angles.csv
+    late, late_sd, source = (
+        (0.0, 0.0, "its own lengths") if own else (DELAY_S, DELAY_SD_S, "the rope's length on the display")
     )
+    variance = float(sums @ sums) / information**2 + late_sd**2
+    weight = controller.clock_sd_s**2 / max(controller.clock_sd_s**2 + variance, 1e-300)
+    return ClockOffset(weight * (delay - late), math.sqrt(weight * variance), source, difference)

@@ -137,10 +137,10 @@ class Luff(Quantity, frozen=True, kw_only=True):
 
 
 class RopeLength(Quantity, frozen=True, kw_only=True):
-    """Length of the hoisting rope: |OA| less ``constant_m``."""
+    """Length of the hoisting rope: |OA| less ``constant_m``, which is taken as 0 with a note if it is not stated."""
 
     unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
-    constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
+    constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] | None = None
 
 
 class ControllerFacts(Checked, frozen=True, kw_only=True):
@@ -314,7 +314,11 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
     cells, bad = _parsed(rows.path, rows.table, quantity.column, float)
     raw = refuse(cells[rows.kept], bad[rows.kept], "not a number", _of_commas(rows.table, quantity.column, bad))
     low, high, speed, unit = _LIMITS[name]
-    values = raw * scale + getattr(quantity, "constant_m", 0.0)
+    values = raw * scale
+    if isinstance(quantity, RopeLength):
+        values = values + (quantity.constant_m or 0.0)
+        if quantity.constant_m is None:
+            notes.append(f"{where}: rope.constant_m is not stated, and taken as 0: |OA| is the length itself")
     wrong = ~((values > low) & (values < high)) & np.isfinite(values)
     values = refuse(values, wrong, f"not between {low:g} and {high:g} {unit}", _hint(name, raw[wrong]))
     known = np.isfinite(values)

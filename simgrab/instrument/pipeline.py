@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -21,8 +21,11 @@ from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
+from simgrab.instrument.estimate.doubts import doubt
 from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.estimate.intervals import WORKING, IntervalSettings
+from simgrab.instrument.estimate.measure import by_swing, informed
+from simgrab.instrument.estimate.tables import PixelRecord
 from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.observation import Observation, observe, one
@@ -62,6 +65,8 @@ class MeasuredRecord:
         Offset of the controller's clock; None without its data.
     estimator : Estimator or None
         What made the estimate, with the readings that it used.
+    doubt : str
+        What the swing contradicts, as `simgrab.instrument.estimate.doubts.doubt` returns it; mostly empty.
     """
 
     arrays: RecordArrays
@@ -70,6 +75,7 @@ class MeasuredRecord:
     tilt: Known | None
     clock: ClockOffset | None = None
     estimator: Estimator | None = None
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -213,13 +219,21 @@ class Pipeline:
             clock = clock_offset(controller, time, ropes.length)
             controller = controller.shifted(clock)
             ropes = _with_lengths(ropes, controller, time)
-        record, estimate, tilt = angles.arrays(observations, ropes), None, self.tilt
-        estimator = _informed(self.chosen(calibration), controller, record)
+        record, estimate, tilt, why = angles.arrays(observations, ropes), None, self.tilt, ""
+        estimator = informed(self.chosen(calibration), controller, record.pixel_sd)
         if tilt is None:
             if self.calibrate_s is not None and record.time is None:
                 raise RunError("independent frames have no first part to calibrate on")
             estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
+            if (moved := by_swing(controller, estimator, estimate)) is not None:
+                record = angles.arrays(observations, _with_lengths(ropes, moved, _times(observations)))
+                estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
+            some = record.usable(rope=estimator.needs_rope)
+            if record.time is not None:
+                arrays = (record.pixels, record.rope.length, record.time, record.pixel_sd)
+                why = doubt(estimator, PixelRecord(*(of[some] for of in arrays)), calibration, estimate)
             if not estimate.ok:
+                estimate = replace(estimate, reason="; ".join(filter(None, [estimate.reason, why])))
                 nothing = np.full((len(observations), 3), np.nan)
                 refused = f"no tilt: {estimate.reason}"
                 return MeasuredRecord(
@@ -234,7 +248,7 @@ class Pipeline:
             # Forecasts rest on the tilt of all of the record, but on no later frames.
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
         measured = angles.measurements(record, alpha, ends, ahead=ahead_s)
-        return MeasuredRecord(record, measured, estimate, tilt, clock, estimator)
+        return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""
@@ -328,17 +342,6 @@ def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker 
 
     assert isinstance(estimator, PendulumSmoother)
     return InertialTracker(estimator, calibration)
-
-
-def _informed(estimator: Estimator, controller: Controller | None, record: RecordArrays) -> Estimator:
-    """Give an estimator that uses them the controller's report of the jib's motion, and the detector's deviation."""
-    stated, given = record.pixel_sd[record.pixel_sd > 0], dict[str, Any]()
-    if controller is not None and controller.reports_motion:
-        given["controller"] = controller
-    if len(stated):
-        given["wander_px"] = float(np.median(stated))
-    taken = {name: value for name, value in given.items() if hasattr(estimator, name)}
-    return replace(estimator, **taken) if taken else estimator
 
 
 def moving(estimator: Estimator | None) -> bool:

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from simgrab.cli.estimate import command
 from simgrab.errors import SimgrabError
-from simgrab.instrument.estimate import ESTIMATORS
+from simgrab.instrument.estimate import ESTIMATORS, PendulumSmoother
+from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import camera_rotation, grab_centre, to_camera
 
@@ -65,7 +66,9 @@ def test_a_controllers_data_take_the_place_of_the_column(quantity, estimator, tm
     found = json.loads(result.stdout)
     assert (found["estimator"], found["status"]) == (estimator, "ok")
     assert len(found["alpha_deg"]) == 120
-    assert found["warnings"][-1].startswith("controller's clock: +0.00 s (-0.20 to +0.20), from its description")
+    said = "controller's clock: +0.00 s (-0.20 to +0.20) behind the pictures', from its description"
+    assert found["warnings"][-1].startswith(said)
+    assert sum("rope.constant_m is not stated" in warning for warning in found["warnings"]) == 1
     if quantity == "rope":
         late = table["time_s"] > time[-1] + 0.1  # frames without a length lose their pixel
         blank = {
@@ -74,6 +77,54 @@ def test_a_controllers_data_take_the_place_of_the_column(quantity, estimator, tm
         }
         own = call(write(tmp_path / "own.csv", table | blank), *given, "--estimator", estimator)
         assert found["beta_deg"] == pytest.approx(json.loads(own.stdout)["beta_deg"])
+
+
+def test_a_refusal_has_an_exit_status(tmp_path, camera, table):
+    """The controller reports slewing for the first half of the record alone."""
+    time = np.arange(60) / 10
+    write(tmp_path / "crane.csv", {"t": time, "slew": 3 * time})
+    about = {"time": {"column": "t"}, "slew": {"column": "slew", "rate_hz": 10.0, "resolution": 0.01}}
+    (tmp_path / "crane.toml").write_text(tomli_w.dumps(about))
+    given = [write(tmp_path / "swing.csv", table), "--camera", camera, "--plc", tmp_path / "crane.csv", "--no-figure"]
+    shown, plain = call(*given), call(*given, "--json")
+    assert (shown.exit_code, plain.exit_code) == (1, 1)
+    assert "pendulum-smoother: refused. the controller reports from" in shown.stdout
+    assert json.loads(plain.stdout)["status"] == "refused"
+    assert json.loads(plain.stdout)["above_10_deg"] == {"share": None, "low": None, "high": None}
+
+
+def test_deviations_of_pixels_widen_intervals_as_in_a_run(tmp_path, camera, table):
+    """They are columns of a run's angles.csv; frames without a detection have none."""
+    gone = np.arange(120) == 7
+    blank = {name: np.where(gone, "", table[name].astype(str)) for name in ("u_px", "v_px")}
+    stated = table | blank | {"u_sd_px": np.where(gone, "", "3.0"), "v_sd_px": np.where(gone, "", "4.0")}
+    given = ["--camera", camera, "--estimator", "pendulum", "--json", "--no-figure"]
+    found = json.loads(call(write(tmp_path / "stated.csv", stated), *given).stdout)
+    exact = json.loads(call(write(tmp_path / "exact.csv", table | blank), *given).stdout)
+    pixels = np.array([table["u_px"], table["v_px"]]).T
+    pixels[7] = np.nan
+    estimator = PendulumSmoother(wander_px=12.5**0.5, intervals=WORKING)
+    ends = estimator.estimate(
+        pixels, CAMERA, rope_length=table["rope_length_m"], time=table["time_s"], pixel_sd=np.full(120, 12.5**0.5)
+    ).intervals[0].alpha  # fmt: skip
+    np.testing.assert_allclose(found["intervals"][0]["alpha_deg"], np.degrees(ends), rtol=1e-6)
+    widths = [np.mean(np.diff(one["intervals"][0]["alpha_deg"])) for one in (found, exact)]
+    assert widths[0] > 1.3 * widths[1]
+
+
+def test_the_share_of_frames_above_10_degrees_is_printed(tmp_path, camera, table):
+    centre = np.mean([table["u_px"], table["v_px"]], axis=1)
+    far = table | {name: c + 6 * (table[name] - c) for name, c in zip(("u_px", "v_px"), centre, strict=True)}
+    file = write(tmp_path / "far.csv", far)
+    found = json.loads(call(file, "--camera", camera, "--json", "--no-figure").stdout)
+    alpha, (low, high) = np.array(found["alpha_deg"]), np.array(found["intervals"][0]["alpha_deg"]).T
+    above = found["above_10_deg"]
+    assert (above["low"], above["high"]) == (np.mean(low > 10), np.mean(high > 10))
+    assert above["low"] < above["share"] < above["high"]
+    assert above["share"] == pytest.approx(np.mean(alpha > 10), abs=0.1)
+    shown = call(file, "--camera", camera, "--no-figure").stdout
+    assert f"{100 * above['share']:.2f}" in shown
+    assert f"{100 * above['low']:.2f} to {100 * above['high']:.2f}" in shown
 
 
 @pytest.mark.parametrize("name", list(ESTIMATORS))
@@ -201,6 +252,11 @@ BAD = {
     "four rows": ("rope-aware", kept(4), r"4 of 4 rows have a pixel; rope-aware needs at least 5"),
     "rope 0": ("rope-aware", changed("rope_length_m", 4, 0.0), r"rope_length_m, row 5: is 0; must be metres, above 0"),
     "rope in cm": ("rope-aware", changed("rope_length_m", 0, 2000.0), r"rope_length_m, row 1: is 2000; must be metres"),
+    "a deviation below 0": (
+        "mean-ray",
+        lambda table: table | {"u_sd_px": np.where(np.arange(120) == 3, -1.0, 1.0)},
+        r"u_sd_px, row 4: is -1; must be 0 px or more",
+    ),
     "rope gone": ("rope-aware", changed("rope_length_m", 2, ""), r"rope_length_m, row 3: is missing"),
     "a word": ("mean-ray", changed("v_px", 9, "left"), r"v_px, row 10: 'left' is not a number"),
     "time back": ("pendulum-smoother", changed("time_s", 6, 0.1), r"time_s, row 7: must increase, got 0.1 after"),

@@ -5,8 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from simgrab.instrument.alarm import Rule, events, probability
+from simgrab.instrument.alarm import DANGER, Rule, events, probability, share
 from simgrab.instrument.contract import Measurement, flaw
+from simgrab.instrument.estimate import MeanRay
+from simgrab.instrument.estimate.intervals import WORKING
+from simgrab.instrument.estimate.measure import above
+from simgrab.model.geometry import camera_rotation
+from tests.instrument import pendulum_simulator as pendulum
+from tests.instrument.studies import camera
 
 RATE = 9.0
 
@@ -102,3 +108,29 @@ def test_a_measurement_is_in_one_piece():
     assert "reason" in flaw(Measurement(status="lost"))
     assert "reason" in flaw(Measurement(status="ok", alpha=0.1, reason="why"))
     assert not flaw(Measurement(status="ok", alpha=0.1))
+
+
+def test_a_share_counts_frames_with_an_angle_alone():
+    alpha = np.radians([np.nan, 5, 9, 11, 20])
+    found = share(alpha, alpha - np.radians(2), alpha + np.radians(2))
+    assert (found["low"], found["high"]) == (1 / 4, 3 / 4)
+    assert found["share"] == pytest.approx(np.nanmean(probability(alpha, alpha - np.radians(2), alpha + np.radians(2))))
+    nothing = np.full(5, np.nan)
+    assert share(alpha, nothing, nothing) == {"share": 0.5, "low": None, "high": None}
+    assert share(nothing, nothing, nothing) == dict.fromkeys(("share", "low", "high"))
+
+
+def test_the_share_of_frames_above_10_degrees_holds_in_simulated_records():
+    """Grabs that pass 10° in some swings; the tilt is found from a minute, to about a degree."""
+    rng = np.random.default_rng(5)
+    swings = pendulum.forced(rng, 80, 60.0, pendulum.Hoist(20.0, 20.0, 0.0, 1.0), np.radians(5.5), 0.01)
+    turned = camera_rotation(np.radians(3.0), 0.7, 0.0)
+    project, at = camera().intrinsics.project, np.zeros((80, 3))
+    pixels = pendulum.seen(rng, swings, project, rotation=turned, offset=at, outliers=0.0)
+    found = MeanRay(intervals=WORKING).batch(pixels, camera(), time=swings.time)
+    shares = np.array([list(above(found[i]).values()) for i in range(80)], float)
+    true = np.mean(swings.alpha > DANGER, axis=1)
+    assert np.ptp(true) > 0.1
+    assert np.mean((shares[:, 1] <= true) & (true <= shares[:, 2])) >= 0.95
+    assert np.mean(shares[:, 2] - shares[:, 1]) < 0.15
+    assert 0 < np.mean(shares[:, 0] - true) < 0.005  # an error of the tilt adds more passings than it hides

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from simgrab.errors import RecordError, RunError
 from simgrab.instrument import pipeline as rooms
-from simgrab.instrument.controller import Controller, clock_offset
+from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.controller_file import ControllerFacts, read_controller
 from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
@@ -56,7 +56,7 @@ def plain(folder, change=lambda columns: columns, **tables):
     columns = {"t": TIME, "slew": np.degrees(SLEW), "radius": RADIUS, "rope": ROPE}
     about = {"time": {"column": "t"}, "slew": quantity("slew", "deg"), "radius": quantity("radius", "m")}
     cells = change({name: [f"{value:.6f}" for value in values] for name, values in columns.items()})
-    return written(folder, cells, about | {"rope": quantity("rope", "m")} | tables)
+    return written(folder, cells, about | {"rope": quantity("rope", "m", constant_m=0.0)} | tables)
 
 
 @settings(max_examples=15, deadline=None)
@@ -258,6 +258,16 @@ def test_the_clocks_offset_is_found_from_the_display_within_its_delay(offset):
     assert abs(known.offset_s) < 0.01
 
 
+@pytest.mark.parametrize("offset", [-7.3, 0.0, 2.17])
+def test_a_display_does_not_delay_the_controllers_own_lengths(offset):
+    """As in the table of a run that used them."""
+    frames, data = np.arange(10, 50, 1 / 9), reading(offset)
+    found = clock_offset(data, frames, data.shifted(ClockOffset(offset, 0.0, "")).rope_at(frames))
+    assert found.offset_s == pytest.approx(offset, abs=0.002)
+    assert found.sd_s < 0.01
+    assert found.source == "its own lengths"
+
+
 def test_a_clock_that_lengths_cannot_show_is_the_stated_one():
     frames = np.arange(5, 50, 1 / 9)
     still = clock_offset(reading(rope=np.full(len(TIME), 15.0)), frames, np.full(len(frames), 15.0))
@@ -270,6 +280,11 @@ def test_another_record_is_refused():
     frames = np.arange(5, 50, 1 / 9)
     with pytest.raises(RecordError, match=r"does not follow the display's: they differ by \d\.\d m"):
         clock_offset(reading(), frames, 30 - displayed(frames, 0.5))
+    for unit, factor in (("feet, not metres", 0.3048), ("metres, not feet", 1 / 0.3048), ("decimetres, not", 0.1)):
+        with pytest.raises(RecordError, match=rf"they follow as {unit}.*: see rope\.unit"):
+            clock_offset(reading(rope=ROPE / factor), frames, displayed(frames, 0.5))
+    with pytest.raises(RecordError, match=r"is it another record\?"):  # a display that hardly moves fits any factor
+        clock_offset(reading(rope=15 + (ROPE - 15) / 2), frames, 15 + 0.1 * np.sin(frames))
     with pytest.raises(RecordError, match=r"no time in common: 0\.0 to 59\.9 s and 100\.0 to .* time\.start"):
         clock_offset(reading(), frames + 95, displayed(frames, 0.5))
 
@@ -301,6 +316,23 @@ def test_the_controllers_rope_replaces_a_display():
     assert _controller(pipeline, dataclasses.replace(found, estimate=later))["clock_by_motion_s"] == -0.4
     with pytest.raises(RunError, match="follow each other in time"):
         pipeline.conclude([msgspec.structs.replace(s, time_s=None) for s in blind], camera)
+
+
+def test_the_rope_is_that_of_the_clock_that_the_swing_shows():
+    """Without a display, and a controller that is 1.5 s late."""
+    crane = swinging.record(frames=400, seed=104)
+    camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
+    blind = [msgspec.structs.replace(s, rope_status="", hoist_m=None, rope_text=None) for s in crane.observations(1.0)]
+    late = np.arange(crane.time[0], crane.time[-1], 0.05)
+    series = [np.interp(late, crane.time, of) for of in (*crane.jib.T, crane.rope)]
+    data = Controller(late + 1.5, *series, 1e-4, 0.003, 0.003, clock_sd_s=1.0)
+    found = Pipeline(nobody, None, controller=data).conclude(blind, camera)
+    assert found.estimate.diagnostics["clock_s"] == pytest.approx(1.5, abs=0.05)
+    used = np.array([m.rope_length_m for m in found.measurements])
+    np.testing.assert_allclose(used, crane.rope, atol=0.1)
+    np.testing.assert_array_equal(used, found.arrays.rope.length)
+    off = np.array([m.alpha for m in found.measurements]) - crane.alpha
+    assert np.degrees(np.sqrt(np.mean(off**2))) < 0.1
 
 
 def test_an_estimator_with_a_controller_gets_it_on_the_pictures_clock(monkeypatch):

@@ -383,6 +383,17 @@ def test_a_run_with_the_controllers_data_has_no_budget_from_pixels_alone(clean, 
     assert evaluate(informed, swinging / "data")["budget"] is None
 
 
+def test_a_run_without_a_display_is_not_said_to_have_read_one(clean, swinging):
+    blind = tuple(msgspec.structs.replace(m, rope_text=None, rope_status="") for m in clean.measurements)
+    read, length = (
+        next(t for t in tables(evaluate(one, swinging / "data").to_dict()) if t.title == "Reading")
+        for one in (clean, dataclasses.replace(clean, measurements=blind))
+    )
+    assert read.note == "The display lags behind the rope."
+    assert length.note == ""
+    assert length.rows == (read.rows[-1],)
+
+
 def test_a_refused_stage_is_the_limit():
     names = [stage.name for stage in CHAIN]
 

@@ -105,12 +105,15 @@ def test_the_controllers_data_are_read_by_the_instrument_and_so_are_encoders(ren
     assert np.abs(found.time - plc.true("time [s]")).max() < 0.05  # the jitter
     np.testing.assert_allclose(np.degrees(found.slew), plc.values[:, 0])
     np.testing.assert_allclose([found.radius, found.rope], plc.values[:, 1:].T)
+    assert found.notes == ()
     shutil.copy(rendered / "sensors/clip_001/hoist/data.csv", tmp_path / "hoist.csv")
     (tmp_path / "crane.toml").write_text("""
         time = {column = "#timestamp [ns]", unit = "ns"}
         rope = {column = "rope_length [m]", resolution = 0.005, rate_hz = 20.0, file = "hoist.csv"}
     """)
-    np.testing.assert_allclose(read_controller(tmp_path / "crane.toml").rope, recorded["hoist"].values[:, 0])
+    bare = read_controller(tmp_path / "crane.toml")
+    np.testing.assert_allclose(bare.rope, recorded["hoist"].values[:, 0])
+    assert ["rope.constant_m is not stated, and taken as 0" in note for note in bare.notes] == [True]
 
 
 def test_truth_lies_apart_and_agrees_with_the_labels(rendered, scene):

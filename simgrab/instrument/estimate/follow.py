@@ -161,15 +161,19 @@ def follow(
     return np.where(seen, alpha[0], np.nan), np.where(some, ends, np.nan), np.where(some, across[0].T, np.nan)
 
 
-def far_offset(found: Sequence[float] | None, calibration: Calibration) -> str:
-    """Name an estimated offset, m, that is far from the stated one; empty if it is not, or was not estimated."""
+def far_offset(found: Sequence[float] | None, calibration: Calibration, *, by_motion: bool = False) -> str:
+    """Name an estimated offset, m, that is far from the stated one; empty if it is not, or was not estimated.
+
+    ``by_motion``: whether it was estimated with the controller's slewing and radius.
+    """
     if found is None:
         return ""
     off = max(abs(one - stated) for one, stated in zip(found, calibration.offset_m, strict=True))
     far = off / max(calibration.offset_sd_m, LEAST_OFFSET_SD_M)
     if far <= FAR:
         return ""
+    also = ", and the controller's slewing angle and radius, which it was estimated with" if by_motion else ""
     return (
         f"the camera offset is estimated as ({', '.join(f'{one:.2f}' for one in found)}) m, {far:.1f} standard "
-        "deviations from offset_m; are its axes and signs right, and the rope's length?"
+        f"deviations from offset_m; are its axes and signs right, and the rope's length{also}?"
     )

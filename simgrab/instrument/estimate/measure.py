@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from simgrab.errors import RecordError, first_line
-from simgrab.instrument.controller import Controller, clock_offset
+from simgrab.instrument import alarm
+from simgrab.instrument.controller import BEHIND, ClockOffset, Controller, clock_offset
 from simgrab.instrument.controller_file import read_controller
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, PendulumSmoother, RopeAware
+from simgrab.instrument.estimate.doubts import doubt
 from simgrab.instrument.estimate.follow import far_offset
 from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.estimate.intervals import WORKING
@@ -29,6 +31,7 @@ _ANGLES = ("beta_history", "lean_sd")
 _SQUARED_ANGLES = ("sigma2_history",)
 # An offset that looks like less tilt than this is not worth a warning.
 _LEAST_TILT = np.deg2rad(0.1)
+LEAST_CHANGE_M = 0.2  # of the rope's length: with less, an estimate on another clock is the same
 
 
 @dataclass(frozen=True)
@@ -113,8 +116,8 @@ def measure(
     Parameters
     ----------
     path : path
-        CSV or parquet with columns ``u_px, v_px[, rope_length_m, time_s]`` or a dataset's ``labels.parquet``; an empty
-        pixel is a missing frame.
+        CSV or parquet with columns ``u_px, v_px[, u_sd_px, v_sd_px, rope_length_m, time_s]``, a dataset's
+        ``labels.parquet`` or a run's ``angles.parquet``; an empty pixel is a missing frame.
     camera : path
         Camera TOML.
     estimator : str, optional
@@ -139,48 +142,85 @@ def measure(
     kind = _kind(estimator)(intervals=WORKING)
     kind = kind if readings is None else PendulumSmoother(imu=readings, intervals=WORKING)
     needs_rope = kind.needs_rope and (controller is None or controller.rope is None)
-    record = read_record(path, calibration, rope=needs_rope, time=kind.needs_time or controller is not None)
-    notes: tuple[str, ...] = ()
+    record = read = read_record(path, calibration, rope=needs_rope, time=kind.needs_time or controller is not None)
+    clock: ClockOffset | None = None
     if controller is not None:
-        record, controller, notes = _on_its_clock(record, controller)
-        if isinstance(kind, PendulumSmoother) and controller.reports_motion:
-            kind = replace(kind, controller=controller)
+        record, controller, clock = _on_its_clock(record, controller)
+    kind = informed(kind, controller, record.pixel_sd)
     present = int(np.isfinite(record.pixels).all(axis=-1).sum())
     if present < kind.parameters:
         raise RecordError(
             f"{path}: {present} of {len(record.pixels)} rows have a pixel; {kind.name} needs at least "
             f"{kind.parameters}, one for each parameter"
         )
-    found = kind.estimate(record.pixels, calibration, rope_length=record.rope_length, time=record.time)
+    found = _estimated(kind, record, calibration)
+    if (moved := by_swing(controller, kind, found)) is not None:
+        record = _with_rope(read, moved)
+        found = _estimated(kind, record, calibration)
+    why = doubt(kind, record, calibration, found)
+    if not found.ok:
+        found, why = replace(found, reason="; ".join(filter(None, [found.reason, why]))), ""
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
-    far = "" if found.offset is None else far_offset(found.offset.tolist(), calibration)
-    return EstimatedRecord(record, calibration, found, (*notes, *warnings, *filter(None, [far])))
+    by_motion = getattr(kind, "controller", None) is not None and not kind.needs_imu
+    far = "" if found.offset is None else far_offset(found.offset.tolist(), calibration, by_motion=by_motion)
+    late = found.diagnostics.get("clock_s") if by_motion else None
+    notes = () if controller is None or clock is None else (*controller.notes, clock.note, _said(clock, late))
+    return EstimatedRecord(record, calibration, found, tuple(filter(None, (*notes, *warnings, far, why))))
 
 
-def _on_its_clock(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, Controller, tuple[str, ...]]:
-    """Put a controller on a record's clock, and take its rope's lengths; frames without one lose their pixel.
+def _estimated(estimator: Estimator, record: PixelRecord, calibration: Calibration) -> Estimate:
+    return estimator.estimate(
+        record.pixels, calibration, rope_length=record.rope_length, time=record.time, pixel_sd=record.pixel_sd
+    )
 
-    Returns
-    -------
-    record : PixelRecord
-    controller : Controller
-    notes : tuple of str
-        Refused readings, and the offset of the clock.
-    """
+
+def by_swing(controller: Controller | None, estimator: Estimator, estimate: Estimate) -> Controller | None:
+    """Put a controller on the clock that the swing shows; None if it shows none, or no length of the rope changes."""
+    late = None if estimator.needs_imu else estimate.diagnostics.get("clock_s")
+    if late is None or controller is None or controller.rope is None:
+        return None
+    moved = controller.shifted(ClockOffset(-float(late), controller.clock_sd_s, "the swing"))
+    change = np.abs(moved.rope_at(controller.time) - controller.rope)
+    return moved if np.nanmax(change) > LEAST_CHANGE_M else None
+
+
+def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Array) -> Estimator:
+    """Give an estimator that uses them the controller's report of the jib's motion, and the detector's deviation."""
+    stated, given = pixel_sd[pixel_sd > 0], dict[str, Any]()
+    if controller is not None and controller.reports_motion:
+        given["controller"] = controller
+    if len(stated):
+        given["wander_px"] = float(np.median(stated))
+    taken = {name: value for name, value in given.items() if hasattr(estimator, name)}
+    return replace(estimator, **taken) if taken else estimator
+
+
+def _said(clock: ClockOffset, late: float | None) -> str:
+    """State a clock's offset, and the one by the swing, which finds the clock so many seconds late, if it does."""
+    low, high = clock.interval_s
+    said = f"controller's clock: {clock.offset_s:+.2f} s ({low:+.2f} to {high:+.2f}) {BEHIND}, from {clock.source}"
+    return said + ("" if late is None else f"; {clock.offset_s - late:+.2f} s by the swing, which is used")
+
+
+def _on_its_clock(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, Controller, ClockOffset]:
+    """Put a controller on a record's clock, and take its rope's lengths; frames without one lose their pixel."""
     assert record.time is not None
     display = np.full(len(record.time), np.nan) if record.rope_length is None else record.rope_length
     clock = clock_offset(controller, record.time, display)
-    controller, (low, high) = controller.shifted(clock), clock.interval_s
-    said = f"controller's clock: {clock.offset_s:+.2f} s ({low:+.2f} to {high:+.2f}), from {clock.source}"
-    if controller.rope is not None:
-        length = controller.rope_at(record.time)
-        length = np.where(np.isfinite(length), length, display)
-        known = np.isfinite(length)
-        if not known.any():
-            raise RecordError("the controller's data and the frames have no time in common")
-        length = np.interp(record.time, record.time[known], length[known])
-        record = replace(record, pixels=np.where(known[:, None], record.pixels, np.nan), rope_length=length)
-    return record, controller, (*controller.notes, *filter(None, [clock.note]), said)
+    controller = controller.shifted(clock)
+    return record if controller.rope is None else _with_rope(record, controller), controller, clock
+
+
+def _with_rope(record: PixelRecord, controller: Controller) -> PixelRecord:
+    """Take the controller's lengths, and the record's own where it has none; frames without any lose their pixel."""
+    assert record.time is not None
+    length = controller.rope_at(record.time)
+    length = length if record.rope_length is None else np.where(np.isfinite(length), length, record.rope_length)
+    known = np.isfinite(length)
+    if not known.any():
+        raise RecordError("the controller's data and the frames have no time in common")
+    length = np.interp(record.time, record.time[known], length[known])
+    return replace(record, pixels=np.where(known[:, None], record.pixels, np.nan), rope_length=length)
 
 
 def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:
@@ -206,8 +246,26 @@ def as_json(measured: EstimatedRecord) -> dict[str, Any]:
     """Plain data in degrees, with null for missing values; includes every frame's α."""
     estimate = measured.estimate
     plain = estimate_json(estimate) | {"warnings": list(measured.warnings), "alpha_deg": _degrees(estimate.alpha)}
+    plain["above_10_deg"] = above(estimate)
     plain["intervals"] = [_interval(i) | {"alpha_deg": _degrees(i.alpha)} for i in estimate.intervals]
     return plain
+
+
+def above(estimate: Estimate) -> dict[str, float | None]:
+    """Share of the frames with α beyond 10°, as `simgrab.instrument.alarm.share` returns it."""
+    if estimate.alpha is None:
+        return alarm.share(*np.empty((3, 0)))
+    return alarm.share(estimate.alpha, *stated_ends(estimate).T)
+
+
+def stated_ends(estimate: Estimate) -> Array:
+    """Intervals (n, 2) of α that a run states: by a model of the motion, else by blocks, else by frames, else NaN."""
+    kinds = {i.kind: i.alpha for i in estimate.intervals if i.alpha is not None}
+    stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
+    if stated is not None:
+        return np.asarray(stated)
+    assert estimate.alpha is not None
+    return np.full((len(estimate.alpha), 2), np.nan)
 
 
 def estimate_json(estimate: Estimate) -> dict[str, Any]:

@@ -75,7 +75,10 @@ class PendulumPriors:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """A path (k, d), static parameters (20,), strengths (3,), weights of pixels (k,) and steps (k − 1,)."""
+    """A path (k, d), static parameters (20,), strengths (3,), weights of pixels (k,) and steps (k − 1,).
+
+    The posterior is linearised about the path.
+    """
 
     path: Array
     parameters: Array
@@ -85,6 +88,12 @@ class PendulumFit:
     free: Array
     rounds: int
     converged: bool
+    posterior: Weighed
+
+    @property
+    def cost(self) -> float:
+        """Minus the logarithm of the record's likelihood, without a constant."""
+        return self.posterior.cost(self.strengths) - 3 * float(np.sum(np.log(self.free)))  # of 6 numbers in a step
 
 
 def first_path(nodes: Nodes, swing: Array, size: int = STATE) -> Array:
@@ -149,7 +158,8 @@ def fit(
     posterior, weight, error2, _ = _linearised(nodes, path, parameters, strengths, priors, free, False)
     honest = strengths.copy()
     honest[NOISE] -= 0.5 * np.log(_information(weight, error2))
-    return PendulumFit(path, parameters, strengths, weight, posterior.at(honest).minimise(), free, done + 1, converged)
+    best = posterior.at(honest).minimise()
+    return PendulumFit(path, parameters, strengths, weight, best, free, done + 1, converged, posterior)
 
 
 def _hanging(best: Minimum, parameters: Array) -> Minimum:

@@ -41,7 +41,7 @@ from simgrab.instrument.estimate.pendulum import (
     sensed_lean,
 )
 from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
-from simgrab.instrument.estimate.rope_aware import RopeAware
+from simgrab.instrument.estimate.rope_aware import BEYOND_GRAB, RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -64,6 +64,7 @@ WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change i
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 CLOCK_STEP_S, CLOCK_ROUNDS = 0.75, 3  # of the search of the controller's clock
 CLEARLY = 0.8  # ratio of twice the negative log posteriors below which another clock counts
+NOT_CONVERGED = f"not converged in {ROUNDS} rounds"
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 
@@ -118,10 +119,10 @@ class PendulumSmoother(PathEstimator):
     ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``outliers`` (frames that lost nine tenths of their weight).
     With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` (the controller's clock minus that of
     the pictures), of the camera ``follows`` (share of apparent gravity, 1 if it levels itself and 0 if not),
-    ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad), and ``not_free`` (share of the record
-    in which the grab does not swing freely: digging), and, with a sensor, ``reach_m`` (0 or negative): |OA| and the
-    reach, times the lean of the ropes, displace the grab; it is 0 if grab and ropes are in line, and minus the height
-    of the rope ends above A if the grab's head stays level.
+    ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad), ``not_free`` (share of the record
+    in which the grab does not swing freely: digging), ``cost`` (minus the logarithm of the likelihood), and, with a
+    sensor, ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the ropes, displace the grab; it is 0 if
+    grab and ropes are in line, and minus the height of the rope ends above A if the grab's head stays level.
     """
 
     name: ClassVar[str] = "pendulum-smoother"
@@ -156,6 +157,8 @@ class PendulumSmoother(PathEstimator):
         imu = imu or self.imu
         assert frames.time is not None
         rough = RopeAware().fit(frames, calibration)
+        if not np.isfinite(rough.down).all():
+            return BEYOND_GRAB
         beta, azimuth = tilt_of(rough.down[0])
         focal_px, offset_sd = calibration.focal_length_px, max(calibration.offset_sd_m, 1e-4)
         mean, sd = np.zeros(PARAMETERS), np.full(PARAMETERS, 1e-6)
@@ -200,7 +203,7 @@ class PendulumSmoother(PathEstimator):
         odd = float(np.mean(found.free < FREE))
         if imu is not None and odd > MOST_NOT_FREE:
             return f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?"
-        return Solved(nodes, found, jib, motion) if found.converged else f"not converged in {ROUNDS} rounds"
+        return Solved(nodes, found, jib, motion) if found.converged else NOT_CONVERGED
 
     def _fit(self, frames: Frames, swing: Array, start: Array, priors: PendulumPriors) -> tuple[Nodes, PendulumFit]:
         """Fit the strengths to a thinned record if it is long, then fit the whole record."""
@@ -298,4 +301,5 @@ def _of_jib(found: PendulumFit) -> dict[str, float]:
         "levelling_damping": np.exp(p[LEVELLING]),
         "pitch_per_m": p[LUFFING],
         "not_free": float(np.mean(found.free < FREE)),
+        "cost": found.cost,
     }

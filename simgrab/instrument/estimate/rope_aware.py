@@ -13,6 +13,8 @@ from simgrab.instrument.estimate.frames import Frames, tilt_of
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, lean
 
+BEYOND_GRAB = "the camera is farther from the rope exit than the grab: is offset_m in metres, and the rope's length?"
+
 
 @dataclass(frozen=True)
 class RopeAware(FrameEstimator):
@@ -100,7 +102,7 @@ class RopeAware(FrameEstimator):
 
     def _why(self, error: float, finite: bool) -> str:
         if not finite:
-            return "no swing angle explains the rays: the rope is shorter than the camera offset"
+            return BEYOND_GRAB
         return "" if error <= self.tolerance else f"not converged in {self.max_iterations} iterations"
 
 

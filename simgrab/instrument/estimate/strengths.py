@@ -51,6 +51,11 @@ class Weighed:
         fast, noise, slow = np.exp(-np.array([1, 2, 2]) * strengths)
         return self.fixed + self.fast * fast + self.places * noise + self.slow * slow
 
+    def cost(self, strengths: Array) -> float:
+        """Minus the logarithm of the record's likelihood (Laplace) at strengths (3,), without a constant."""
+        best, terms = self.at(strengths).minimise(), np.array([2 * self.links, 2 * self.seen, 2 * self.leans - 0.25])
+        return float(0.5 * (best.value + best.log_det) + terms @ strengths)
+
     def search(self, strengths: Array, *, wide: bool) -> Array:
         """Strengths (3,) of maximum likelihood (Laplace), with a prior as the fourth root of the slow one.
 
@@ -58,15 +63,13 @@ class Weighed:
         """
         low = np.log([self.least_fast, 0.05 / self.focal_px, self.slow_range[0]])
         high = np.log([1.0, 50 / self.focal_px, self.slow_range[1]])
-        spread = np.array([2 * self.links, 2 * self.seen, 2 * self.leans - 0.25])
 
         def minus_log(v: Array) -> float:
             inside = np.clip(v, low, high)
             try:
-                best = self.at(inside).minimise()
+                return self.cost(inside) + 10 * float(np.sum((v - inside) ** 2))
             except np.linalg.LinAlgError:
                 return 1e30
-            return float(0.5 * (best.value + best.log_det) + spread @ inside + 10 * np.sum((v - inside) ** 2))
 
         size = np.array([3.0, 0.7, 1.5]) if wide else np.array([0.7, 0.15, 0.5])
         start = np.clip(strengths, low, high)

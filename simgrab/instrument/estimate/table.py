@@ -6,6 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from simgrab.instrument.estimate.measure import above
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate, Intervals
 from simgrab.reports.terminal import cell, stdout
@@ -32,7 +33,9 @@ def show(estimate: Estimate, console: Console | None = None) -> None:
     table.add_row("swing σ (deg)", f"{np.rad2deg(estimate.sigma):.3f}", *(_ends(i.sigma) for i in kinds))
     alpha = np.rad2deg(estimate.alpha[np.isfinite(estimate.alpha)])
     table.add_row("largest α (deg)", f"{alpha.max():.3f}", *(_ends(_of_largest(estimate, i)) for i in kinds))
-    table.add_row("α above 10° (frames)", f"{int((alpha > 10).sum())}", *("" for _ in kinds))
+    share, low, high = (None if one is None else f"{100 * one:.2f}" for one in above(estimate).values())
+    reach = [f"{low} to {high}" if i.alpha is not None and low else "" for i in kinds[:1]]
+    table.add_row("frames with α above 10° (%)", share, *reach, *("" for _ in kinds[1:]))
     if estimate.offset is not None:
         table.add_row("offset x, y, z (m)", ", ".join(f"{v:.3f}" for v in estimate.offset), *("" for _ in kinds))
     console.print(table)

@@ -26,6 +26,8 @@ _MARGIN = 0.5
 _LONGEST_ROPE_M = 200.0
 # The second as a dataset's labels.parquet has them.
 _PIXELS = (("u_px", "v_px"), ("grab_u_px", "grab_v_px"))
+_DEVIATIONS = ("u_sd_px", "v_sd_px")  # as a run's angles.csv has them
+HEADER = "u_px, v_px[, u_sd_px, v_sd_px, rope_length_m, time_s]"
 
 
 @dataclass(frozen=True)
@@ -40,15 +42,18 @@ class PixelRecord:
         \|OA\|, m; None if it is not required, and is missing or invalid in any row.
     time : ndarray, shape (n,), or None
         Seconds.
+    pixel_sd : ndarray, shape (n,)
+        Standard deviation per coordinate, px; 0 where it is not stated.
     """
 
     pixels: Array
     rope_length: Array | None
     time: Array | None
+    pixel_sd: Array
 
 
 def read_record(path: str | Path, calibration: Calibration, *, rope: bool = False, time: bool = False) -> PixelRecord:
-    """Read columns ``u_px, v_px[, rope_length_m, time_s]``; the first two may be called ``grab_u_px, grab_v_px``.
+    """Read the columns of `HEADER`; the first two may be called ``grab_u_px, grab_v_px``.
 
     Parameters
     ----------
@@ -64,9 +69,7 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
     RecordError
         With one line that names the file and the row (the first is 1) or the column.
     """
-    table = read_texts(
-        path, (*itertools.chain(*_PIXELS), "rope_length_m", "time_s"), "u_px, v_px[, rope_length_m, time_s]"
-    )
+    table = read_texts(path, (*itertools.chain(*_PIXELS), *_DEVIATIONS, "rope_length_m", "time_s"), HEADER)
     pair = _pixel_columns(path, table.column_names)
     needed = [*pair, *(["rope_length_m"] if rope else []), *(["time_s"] if time else [])]
     for name in needed:
@@ -93,7 +96,9 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
             raise RecordError(
                 f"{path}: time_s, row {row + 1}: must increase, got {seconds[row]:g} after {seconds[row - 1]:g}"
             )
-    return PixelRecord(pixels, length, seconds)
+    stated = [_deviation(path, table, name) for name in _DEVIATIONS if name in table.column_names]
+    sd = np.sqrt(np.mean(np.square(stated), axis=0)) if stated else np.zeros(len(pixels))
+    return PixelRecord(pixels, length, seconds, sd)
 
 
 def _pixel_columns(path: str | Path, names: list[str]) -> tuple[str, str]:
@@ -102,6 +107,13 @@ def _pixel_columns(path: str | Path, names: list[str]) -> tuple[str, str]:
         one, other = (", ".join(name for name in pair if name in names) for pair in there)
         raise RecordError(f"{path}: columns {one} and {other} are both present; keep only one pair")
     return there[0] if there else _PIXELS[0]
+
+
+def _deviation(path: str | Path, table: pa.Table, name: str) -> Array:
+    sd = np.nan_to_num(_numbers(path, table, name))
+    for row in np.flatnonzero(~(sd >= 0))[:1]:
+        raise RecordError(f"{path}: {name}, row {row + 1}: is {sd[row]:g}; must be 0 px or more")
+    return sd
 
 
 def _rope(path: str | Path, table: pa.Table) -> Array:

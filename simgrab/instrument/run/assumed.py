@@ -62,7 +62,9 @@ def assumptions(
         parts = ["none: the record does not determine them"] if any(m.alpha is not None for m in measured) else []
     elif outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
-    far = "" if tilt is None else far_offset(tilt.offset_m, camera)
+    used = None if record is None else record.estimator
+    by_motion = moving(used) and not (used is not None and used.needs_imu)
+    far = "" if tilt is None else far_offset(tilt.offset_m, camera, by_motion=by_motion)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured)]))}  # fmt: skip
 

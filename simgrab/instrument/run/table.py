@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from simgrab.instrument.controller import BEHIND
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.run.runs import Run
@@ -78,7 +79,8 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows.append(("rope lengths read", f"{read} of {asked} ({100 * read / asked:.3f} %)"))
     if reported := run.about.get("controller"):
         low, high = reported["clock_interval_s"]
-        clock = f"{reported['clock_offset_s']:+.2f} s ({low:+.2f} to {high:+.2f}), from {reported['clock_from']}"
+        clock = f"{reported['clock_offset_s']:+.2f} s ({low:+.2f} to {high:+.2f}) {BEHIND}"
+        clock += f", from {reported['clock_from']}"
         by_motion = reported.get("clock_by_motion_s")
         clock += f"; {by_motion:+.2f} s by the swing, which is used" if by_motion is not None else ""
         rows.append(("controller's clock", clock))
@@ -93,6 +95,10 @@ def held(run: Run) -> list[tuple[str, str]]:
     rows += [("95 % intervals", owed)] if owed else []
     beyond = run.about.get("assumed", {}).get("beyond")
     rows += [("contradicts the camera file", beyond)] if beyond else []
+    above = run.about.get("above_10_deg", {})
+    if above.get("share") is not None:
+        ends = "" if above["low"] is None else f" ({_percent(above['low'])} to {_percent(above['high'])}, 95 %)"
+        rows.append(("frames with α above 10°", f"{_percent(above['share'])}{ends}"))
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
     if any(m.warning is not None for m in run.measurements):
         rows.append(("early warnings", str(len(run.about["warnings"]))))

@@ -64,13 +64,16 @@ def _of_reading(f: Mapping[str, Any] | None) -> TextTable | None:
     def share(name: str) -> str:
         return f"{f[name]['count']} of {f[name]['of']} ({percent(f[name]['value'], 3)})" if f[name]["of"] else "none"
 
+    lengths = ("rope's length, median and 95 % error (m)", _several(length["median_m"], length["p95_m"]))
+    if not (f["frames_right"]["of"] or f["torn_right"]["of"]):  # there was no display to read
+        return TextTable("Reading", ("", ""), _known((lengths,)))
     rows = (
         ("digits right", share("digits_right")),
         ("frames read right", share("frames_right")),
         ("frames refused", share("frames_refused")),
         ("torn displays read as one text", share("torn_right")),
         ("readings that the hoist is too slow to have reached", str(f["jumps"])),
-        ("rope's length, median and 95 % error (m)", _several(length["median_m"], length["p95_m"])),
+        lengths,
     )
     return TextTable("Reading", ("", ""), _known(rows), "The display lags behind the rope.")
 

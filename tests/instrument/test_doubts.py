@@ -1,0 +1,58 @@
+"""A controller's data with one mistake in their description: the swing does not follow, and the mistake is named."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simgrab.instrument.estimate import PendulumSmoother, RopeAware
+from simgrab.instrument.estimate.doubts import doubt, follows
+from simgrab.instrument.estimate.pendulum_smoother import NOT_CONVERGED
+from simgrab.instrument.estimate.tables import PixelRecord
+from simgrab.model.records.estimates import Estimate
+from tests.instrument.test_controller_fusion import controller
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import swinging
+
+REFUSED = Estimate(status="refused", reason=NOT_CONVERGED)
+FORCED = Estimate(diagnostics={"forcing": 1e-2, "lean_sd": 5e-3, "follows": 0.0, "longer_m": 0.4})
+
+
+def given(mount, seed):
+    crane = swinging.record(fixed=False, frames=400, seed=seed, camera__mount={"model": mount})
+    pixels = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
+    record = PixelRecord(pixels, np.round(crane.rope, 2), crane.time, np.full(len(pixels), 1.3))
+    reports = replace(controller(crane.time, crane.jib), clock_sd_s=0.1)
+    return record, crane.calibration, reports
+
+
+def test_what_follows_is_not_doubted():
+    record, camera, reports = given("rigid", 102)
+    estimator = PendulumSmoother(controller=reports, wander_px=1.3)
+    found = estimator.estimate(record.pixels, camera, rope_length=record.rope_length, time=record.time)
+    assert follows(found)
+    assert doubt(estimator, record, camera, found) == ""
+    assert doubt(replace(estimator, controller=None), record, camera, REFUSED) == ""
+    assert doubt(RopeAware(), record, camera, REFUSED) == ""
+    assert doubt(estimator, record, camera, replace(REFUSED, reason="the controller reports from 3 to 4 s")) == ""
+
+
+@pytest.mark.parametrize(
+    ("mount", "seed", "mistake", "named"),
+    [
+        ("levelled", 101, lambda c: replace(c, slew=-c.slew), "follows with slew.clockwise the other way round"),
+        ("fixed", 103, lambda c: replace(c, slew=c.slew * np.pi / 180), "angles in rad"),
+        ("rigid", 102, lambda c: replace(c, slew=c.slew[::-1].copy()), "radius or luff, offset_m, the rope's length"),
+    ],
+)
+def test_a_mistake_that_alone_explains_it_is_named(mount, seed, mistake, named):
+    record, camera, reports = given(mount, seed)
+    estimator = PendulumSmoother(controller=mistake(reports), wander_px=1.3)
+    said = doubt(estimator, record, camera, FORCED)
+    assert said.startswith("the swing does not follow the controller's motion")
+    assert named in said
+    if seed == 102:
+        assert doubt(estimator, record, camera, REFUSED) == said.partition(": ")[2]
