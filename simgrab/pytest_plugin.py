@@ -5,7 +5,10 @@ It is loaded into every run of pytest where simgrab is installed, so it imports 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import itertools
+import re
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -15,11 +18,13 @@ import pytest
 if TYPE_CHECKING:
     from simgrab.dataset.datasets import Dataset
     from simgrab.instrument.contract import Frame, Instrument
-    from simgrab.judge.check.suite import Limit
+    from simgrab.judge.check.report import Report
+    from simgrab.judge.check.suite import Limit, Suite
     from simgrab.model.calibration import Calibration
     from simgrab.model.truth import Row
 
 MARKER = "simgrab_limit"
+_LONGEST = 200  # characters of a folder's name
 
 
 @dataclass(frozen=True)
@@ -83,11 +88,20 @@ class Judge(Protocol):
         """Let an instrument measure a record; fail where it exceeds the test's limits; give all metrics by name."""
 
 
+class Checker(Protocol):
+    """What `simgrab_check` is."""
+
+    def __call__(self, suite: Suite | str | Path, instrument: Instrument | str | None = None) -> Report:
+        """Check a suite, with another instrument than its own if one is given, as `simgrab check` does."""
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the cache's place."""
-    parser.getgroup("simgrab").addoption(
+    """Add the places of cache and results."""
+    group = parser.getgroup("simgrab")
+    group.addoption(
         "--simgrab-cache", metavar="DIR", help="Where rendered scenes are kept.  [default: ~/.cache/simgrab]"
     )
+    group.addoption("--simgrab-out", metavar="DIR", help="Folder of pages and other results, a folder a test.")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -107,13 +121,13 @@ def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
     from simgrab.judge.check import cache
     from simgrab.model import scenes
 
-    where = pytestconfig.getoption("--simgrab-cache")
+    where = _cache(pytestconfig)
 
     def record(
         scene: str | Path, changes: Mapping[str, Any] | None = None, /, size: tuple[int, int] | None = None, **keys: Any
     ) -> Record:
         scenario = scenes.load(scene, {**(changes or {}), **keys}, size=size)
-        return Record(cache.rendered(scenario, Path(where) if where else cache.default()))
+        return Record(cache.rendered(scenario, where))
 
     return record
 
@@ -121,24 +135,68 @@ def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
 @pytest.fixture
 def simgrab_judge(request: pytest.FixtureRequest) -> Iterator[Judge]:
     """Measure a record, evaluate, and hold the test's ``simgrab_limit`` marks against it."""
+    from simgrab.judge.check.gate import judged
+    from simgrab.judge.check.report import Report
     from simgrab.judge.check.trial import measured
-    from simgrab.judge.check.verdicts import of_trial
 
     limits = _limits(request.node.iter_markers(MARKER))
-    judged = []
+    settle, done = _settling(request), []
 
     def judge(instrument: Instrument, record: Record) -> Mapping[str, float | None]:
-        trial = measured(record.dataset, instrument)
-        judged.append(trial)
-        verdicts = of_trial("", trial, limits, None, 1)
-        failed = [f"{verdict.what}: {verdict.message}" for verdict in verdicts if verdict.status == "failed"]
-        if failed:
-            pytest.fail("\n".join(failed), pytrace=False)
+        data, trial = record.dataset.data, measured(record.dataset, instrument)
+        done.append(trial)
+        scenes = {data.scenario: judged(data.scenario, trial, limits)}
+        settle(Report(request.node.name, instrument.name, data.seed, scenes=scenes))
         return trial.metrics
 
     yield judge
-    if limits and not judged:
+    if limits and not done:
         pytest.fail(f"{MARKER}: nothing was measured", pytrace=False)
+
+
+@pytest.fixture
+def simgrab_check(request: pytest.FixtureRequest) -> Checker:
+    """Check a suite with its limits and baseline: ``simgrab_check("ci/port.toml")``."""
+    from simgrab.judge.check import gate
+
+    settle = _settling(request)
+
+    def check(suite: Suite | str | Path, instrument: Instrument | str | None = None) -> Report:
+        report = gate.check(suite, gate.CheckOptions(instrument, cache=_cache(request.config)))
+        settle(report)
+        return report
+
+    return check
+
+
+def _cache(config: pytest.Config) -> Path:
+    from simgrab.judge.check.cache import default
+
+    where = config.getoption("--simgrab-cache")
+    return Path(where) if where else default()
+
+
+def _settling(request: pytest.FixtureRequest) -> Callable[[Report], None]:
+    """Return what warns of a report's notes, writes it, and fails where it did, with causes and page."""
+    numbers = itertools.count(1)
+
+    def settle(report: Report) -> None:
+        from simgrab.judge.check.page import page
+        from simgrab.judge.check.report import PAGE, save
+
+        for note in report.notes:
+            warnings.warn(note, stacklevel=3)
+        lines = [f"{v.scene} {v.what}: {v.message}".strip() for v in report.verdicts if v.status == "failed"]
+        lines += [f"{name}: {scene.causes}" for name, scene in report.scenes.items() if scene.causes]
+        if where := request.config.getoption("--simgrab-out"):
+            name = re.sub(r"[^\w.-]+", "-", request.node.nodeid)[-_LONGEST:]
+            out = Path(where) / f"{name}-{next(numbers)}"
+            save(report, out, page(report))
+            lines.append(f"page: {out / PAGE}")
+        if not report.passed:
+            pytest.fail("\n".join(lines), pytrace=False)
+
+    return settle
 
 
 def _limits(marks: Iterable[pytest.Mark]) -> dict[str, Limit]:
@@ -154,6 +212,8 @@ def _limits(marks: Iterable[pytest.Mark]) -> dict[str, Limit]:
             pytest.fail(f"{MARKER} takes a metric's name, and lower= or upper=; got {mark.args}", pytrace=False)
         if problem := unknown(mark.args[0]):
             pytest.fail(f"{MARKER}: {problem}", pytrace=False)
+        if "slack" in mark.kwargs:
+            pytest.fail(f"{MARKER}: slack is for baselines, which suites have: see simgrab_check", pytrace=False)
         try:
             found.setdefault(mark.args[0], msgspec.convert(mark.kwargs, Limit))
         except msgspec.ValidationError as wrong:

@@ -1,5 +1,7 @@
 """The plugin in somebody else's tests: the documented example, limits that hold and do not, a cache between runs."""
 
+import ast
+import json
 import re
 import subprocess
 import sys
@@ -8,6 +10,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import tomli_w
+
+from simgrab.judge.check import baseline
 
 ROOT = Path(__file__).parents[1]
 README, CHECKING = ((ROOT / page).read_text(encoding="utf-8") for page in ("README.md", "docs/checking.md"))
@@ -43,11 +48,12 @@ def cache(tmp_path_factory):
 
 
 def outcomes_of(folder, tests, cache):
-    """What becomes of each test, run by a pytest of its own: what its JUnit XML says of those that fail."""
+    """What becomes of each test, run by a pytest of its own: what its JUnit XML says of those that fail; its output."""
     (folder / "test_mine.py").write_text(tests)
     command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", *LOADED, f"--simgrab-cache={cache}"]
-    subprocess.run([*command, "--junit-xml=junit.xml"], cwd=folder, capture_output=True, check=False)
-    told = {}
+    command += ["--junit-xml=junit.xml", "--simgrab-out=out"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True)
+    told = {"": done.stdout}
     for case in ElementTree.parse(folder / "junit.xml").iter("testcase"):
         told.setdefault(case.get("name"), "")
         told[case.get("name")] += "".join(problem.get("message") + (problem.text or "") for problem in case)
@@ -64,6 +70,7 @@ LIMITS = OWN + "".join(
         marked("exceeded", '"angle.overall.rmse_deg", upper=0.01'),
         marked("misspelt_metric", '"angle.overall.rsme_deg", upper=9', "    raise AssertionError('measured in vain')"),
         marked("misspelt_end", '"angle.overall.rmse_deg", uper=9'),
+        marked("slack", '"angle.overall.rmse_deg", upper=9, slack=0.1'),
         marked("never_judged", '"angle.overall.rmse_deg", upper=9', "    pass"),
         marked("without_the_fixture", '"angle.overall.rmse_deg", upper=9', "    pass", "record"),
     ]
@@ -71,8 +78,13 @@ LIMITS = OWN + "".join(
 
 
 @pytest.fixture(scope="module")
-def outcomes(tmp_path_factory, cache):
-    return outcomes_of(tmp_path_factory.mktemp("limits"), LIMITS, cache)
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("limits")
+
+
+@pytest.fixture(scope="module")
+def outcomes(folder, cache):
+    return outcomes_of(folder, LIMITS, cache)
 
 
 @pytest.mark.parametrize(
@@ -81,6 +93,7 @@ def outcomes(tmp_path_factory, cache):
         ("exceeded", r"angle.overall.rmse_deg: [\d.]+ misses the limit ≤ 0.01"),
         ("misspelt_metric", "did you mean 'angle.overall.rmse_deg'"),
         ("misspelt_end", "uper"),
+        ("slack", "slack is for baselines"),
         ("never_judged", "nothing was measured"),
         ("without_the_fixture", "needs the fixture simgrab_judge"),
     ],
@@ -91,6 +104,40 @@ def test_limits_that_do_not_hold_fail(name, message, outcomes):
 
 def test_limits_that_hold_pass(outcomes):
     assert outcomes["test_holds"] == ""
+
+
+def test_a_loose_limit_is_warned_of_and_a_failure_names_its_cause_and_its_page(outcomes, folder):
+    (warning,) = re.findall(r".*test_mine.py:\d+: UserWarning: quay-day: warning: too loose.*", outcomes[""])
+    assert "angle.overall.rmse_deg ≤ 30" in warning
+    (page,) = set(re.findall(r"page: (.*/check\.html)", outcomes["test_exceeded"]))
+    assert "The measured angle hardly follows the swing" in outcomes["test_exceeded"]
+    assert "hardly follows the swing" in (folder / page).read_text()
+
+
+SUITE = {
+    "name": "small",
+    "instrument": "test_mine:Still",
+    "size": "480x270",
+    "changes": ast.literal_eval(SMALL.strip()),
+    "limits": {"angle.overall.rmse_deg": {"upper": 30}},
+    "scenes": {"day": {"scene": "quay-day", "frames": 3, "seed": 5}},
+}
+
+
+@pytest.mark.usefixtures("outcomes")  # whose run rendered the record
+def test_a_suite_is_checked_with_its_baseline(tmp_path, cache):
+    (tmp_path / "small.toml").write_text(tomli_w.dumps(SUITE))
+    recorded = tmp_path / "baselines" / "small" / "baseline.json"
+    recorded.parent.mkdir(parents=True)
+    other = {"suite": "other", "instrument": "still", "simgrab": baseline.version(), "seeds": [0], "scenes": {}}
+    recorded.write_text(json.dumps(other))
+    told = outcomes_of(tmp_path, OWN + "def test_it(simgrab_check): simgrab_check('small.toml')\n", cache)
+    assert "baseline: out of date: recorded for the suite 'other'" in told["test_it"]
+    recorded.unlink()
+    told = outcomes_of(tmp_path, OWN + "def test_it(simgrab_check): assert simgrab_check('small.toml').passed\n", cache)
+    assert told["test_it"] == ""
+    assert "no baseline to compare with" in told[""]
+    assert len(list(cache.glob("*/manifest.json"))) == 1
 
 
 KEPT = OWN + (
@@ -117,6 +164,7 @@ def test_frames_and_truth_are_kept_between_runs_and_the_documented_example_works
     before = made.stat().st_mtime_ns
     told = outcomes_of(tmp_path, KEPT, cache)
     assert told.pop("test_it") == ""
+    told.pop("")
     (exceeded,) = filter(None, told.values())  # the example's answer is constant
     assert re.search(r"angle.overall.rmse_deg: [\d.]+ misses the limit ≤ 0.8", exceeded)
     assert len(told) == 2

@@ -55,6 +55,7 @@ ASKED = {
     "mount": ("levelled (hangs by gravity), rigid (pitches with the jib) or fixed", "levelled"),
     "light": ("day, night, or both", "day"),
     "weather": (f"one or more of {', '.join(WEATHERS)}", "clear"),
+    "wind": ("mean wind, m/s: it carries rain, snow and dust, and pushes the grab in cycles", "0"),
     "motion": ("independent frames (to train on), or cycles of a working crane (video)", "independent"),
 }
 
@@ -67,8 +68,9 @@ ASKED = {
         for name, (text, usual) in ASKED.items()
     )
 )
+@click.option("--fixed", is_flag=True, help="Let nothing vary but several lights or weathers, as check requires.")
 @click.option("--yes", is_flag=True, help="Ask nothing: assume the usual where nothing is given.")
-def command(file: Path, yes: bool, **given: str | None) -> None:
+def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
     """Write a scene FILE from what you know of your camera, crane and grab.
 
     At a terminal it asks for what is not given. Elsewhere, and with --yes, it assumes the usual and prints what.
@@ -84,7 +86,7 @@ def command(file: Path, yes: bool, **given: str | None) -> None:
 
     check_new_folder(file, refuse, "FILE")
     answers = _Answers(given, ask=not yes and sys.stdin.isatty())
-    text = _scene(answers, file)
+    text = _scene(answers, file, fixed=fixed)
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
         scene = scenes.load(draft)
@@ -93,7 +95,7 @@ def command(file: Path, yes: bool, **given: str | None) -> None:
         *(f"assumed: {line}" for line in answers.assumed),
         *(f"grab.file: {line}" for line in size),
         *([f"first: simgrab grab check {file} shows whether the 3-D model's size and axes are right"] if size else ()),
-        f"next: simgrab render {file}; [vary] draws again after each clip.clip_frames frames",
+        f"next: simgrab render {file}{'; [vary] draws again after each clip.clip_frames frames' if scene.vary else ''}",
     ):
         click.echo(printable(line))
 
@@ -141,7 +143,7 @@ def _refusal(name: str, problem: str) -> click.BadParameter:
 def _numbers(low: float, high: float, *counts: int) -> Callable[[str], tuple[float, ...]]:
     def read(text: str) -> tuple[float, ...]:
         try:
-            plain = re.sub(r"\s*(mm|m³|m3|m|px|deg|fps)$", "", text)
+            plain = re.sub(r"\s*(mm|m³|m3|m/s|m|px|deg|fps)$", "", text)
             values = tuple(float(part) for part in re.split(r"\.\.|\bto\b|[,;x×°\s]+", plain) if part.strip())
         except ValueError:
             values = ()
@@ -249,12 +251,13 @@ def _table(keys: Mapping[str, float]) -> str:
     return f"{{ {', '.join(f'{key} = {value:g}' for key, value in keys.items())} }}" if keys else "{}"
 
 
-def _moods(moods: Sequence[tuple[str, str]], rate: float) -> tuple[str, str]:
+def _moods(moods: Sequence[tuple[str, str]], rate: float, wind: float) -> tuple[str, str]:
     """Lines of light, exposure and weather: as keys, or as what varies where there are several."""
     made, names, weights = [], list[str](), list[float]()
     for (light, weather), fog_m in ((mood, fog) for mood in moods for fog in (FOGS_M if "fog" in mood else (0,))):
         (sun, sky, keys), night = WEATHERS[weather], light == "night"
         keys = {"visibility_m": fog_m, **keys} if fog_m else keys
+        keys = {**keys, "wind_m_s": wind} if wind else keys
         names.append(f"{light}, {weather}{f' of {fog_m} m' if fog_m else ''}")
         weights.append(1 if fog_m else len(FOGS_M))
         made.append({
@@ -282,7 +285,7 @@ def _tolerances(facts: Mapping[str, tuple[float, float, float, float]]) -> str:
     return "\n".join(lines)
 
 
-def _scene(answers: _Answers, file: Path) -> str:
+def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     """Text of the scene file."""
     optics, width, height, f_px, (k1, k2, k3) = _optics(answers)
     (rate,) = answers.get("rate", _numbers(0.1, 120))
@@ -296,14 +299,17 @@ def _scene(answers: _Answers, file: Path) -> str:
     mount = answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0]
     lights = answers.get("light", lambda text: _one_of("day", "night", most=2)(text.replace("both", "day,night")))
     weathers = answers.get("weather", _one_of(*WEATHERS, most=5))
+    (wind,) = answers.get("wind", _numbers(0, 40))
     moods = list(itertools.product(lights, weathers))
     cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
     swing = f'rope_length_m = {{ dist = "uniform", low = {short:g}, high = {long:g} }}\nclamp = true'
     swing += "\nalpha = { sigma_deg = 2.0 } # size of the swing; far ones must not reach hopper or hatch"
     if cycles:
         swing = f'model = "dynamic"\nwork = {{ model = "cycles", dig_rope_m = {long:g}, carry_rope_m = {short:g} }}'
+        swing += f"\nwind = {{ mean_m_s = {wind:g} }}"
     else:
-        answers.assumed.append("swing: standard deviation of 2 degrees; sigma_deg in [swing] sets it")
+        calm = ", whatever the wind" if wind else ""
+        answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
     if long > head - 3:
         if cycles:
             raise _refusal("ropes", f"cycles dig on the quay, at most {head - 3:g} m below the jib head; got {long:g}")
@@ -331,7 +337,10 @@ def _scene(answers: _Answers, file: Path) -> str:
         facts["grab.volume_m3"] = (volume, 0.1 * volume, 3, 20)
     if "day" in lights:
         facts |= {"light.sun_elevation_deg": (45, 20, 10, 90), "light.sun_azimuth_deg": (0, 180, -360, 360)}
-    plain, varied = _moods(moods, rate)
+    plain, varied = _moods(moods, rate, wind)
+    varied += "" if fixed else _tolerances(facts)
+    vary = f"\n[vary]{'' if fixed else ' # tolerances of these facts'}\n{varied.rstrip()}\n" if varied else ""
+    again = f" # after which [vary] draws again{'' if cycles else '; more of them render faster, and vary less'}"
     clip = round(CYCLE_S * rate) if cycles else 2  # so that the sheet of the first 16 frames shows 8 draws of [vary]
     return f"""# Written by simgrab new. simgrab scenes show {file.name} prints every other key with its value.
 base = "quay-day"
@@ -362,8 +371,5 @@ head_height_m = {head:g}
 
 [clip]
 frame_rate_hz = {rate:g}
-clip_frames = {clip} # after which [vary] draws again{"" if cycles else "; more of them render faster, and vary less"}
-
-[vary] # tolerances of these facts
-{varied}{_tolerances(facts)}
-"""
+clip_frames = {clip}{again if varied else ""}
+{vary}"""

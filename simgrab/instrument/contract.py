@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Protocol, get_args, runtime_checkable
+from typing import Annotated, Literal, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -105,19 +105,15 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     rope_status: str = ""
     rope_length_m: float | None = None
 
-    def __post_init__(self) -> None:
-        if self.status not in get_args(Status):
-            raise ValueError(f"status must be one of: {', '.join(get_args(Status))}; got {self.status!r}")
-        if self.status == "ok" and self.alpha is None:
-            raise ValueError("status 'ok' needs alpha; a frame without an angle has another status, and a reason")
-        if self.status != "ok" and self.alpha is not None:
-            raise ValueError(f"alpha is only allowed with status 'ok'; got {self.status!r}, {self.alpha}")
-        if (self.status == "ok") == bool(self.reason):
-            raise ValueError(f"a reason is required unless the status is 'ok'; got {self.status!r}, {self.reason!r}")
-
 
 def flaw(m: Measurement) -> str:
     """Return what is wrong with a measurement beyond its types; empty if it is valid."""
+    if m.status == "ok" and m.alpha is None:
+        return "status 'ok' needs alpha; a frame without an angle has another status, and a reason"
+    if m.status != "ok" and m.alpha is not None:
+        return f"alpha is only allowed with status 'ok'; got {m.status!r}, {m.alpha}"
+    if (m.status == "ok") == bool(m.reason):
+        return f"a reason is required unless the status is 'ok'; got {m.status!r}, {m.reason!r}"
     for name, value in msgspec.structs.asdict(m).items():
         numbers = value if isinstance(value, tuple) else (value,)
         if not all(math.isfinite(x) for x in numbers if isinstance(x, float)):

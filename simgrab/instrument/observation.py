@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 import msgspec
 import numpy as np
 
+from simgrab.errors import DetectorError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
@@ -58,10 +59,16 @@ def observe(
     Raises
     ------
     DetectorError, ReaderError, LayoutError
-        If detector, reader or layout cannot use a picture.
+        If detector, reader or layout cannot use a picture, or a detection is invalid. A note names the frame, as that
+        of any other error.
     """
-    for frame in frames:
-        yield one(frame, detector, reader, calibration)
+    for i, frame in enumerate(frames):
+        try:
+            found = one(frame, detector, reader, calibration)
+        except Exception as problem:
+            problem.add_note(f"in frame {i}")
+            raise
+        yield found
 
 
 def one(frame: Frame, detector: Detector, reader: Reader | None, calibration: Calibration) -> Observation:
@@ -69,12 +76,27 @@ def one(frame: Frame, detector: Detector, reader: Reader | None, calibration: Ca
     if frame.picture is None:
         return Observation(frame.time_s, frame.name, lost=frame.reason)
     found = detector(frame.picture)
+    if wrong := _flaw(found):
+        raise DetectorError(f"{detector.name}: {wrong}")
     reading = None
     if reader is not None and calibration.digit_layout is not None:
         reading = reader.read(
             frame.picture, calibration.digit_layout, display_constant_m=calibration.display_constant_m
         )
     return _observation(frame, found, reading)
+
+
+def _flaw(found: object) -> str:
+    """Return what is wrong with a user's detection; empty if it is valid."""
+    if not isinstance(found, Detection):
+        return f"expected a Detection, got {type(found).__name__}"
+    if found.found and found.box is None and found.centre is None:
+        return "'found' needs a box or a centre"
+    for name, size in (("box", 4), ("centre", 2), ("centre_sd_px", 2)):
+        value = getattr(found, name)
+        if value is not None and (np.shape(value) != (size,) or not np.isfinite(value).all()):
+            return f"{name}: {size} finite numbers are required, got {value}"
+    return ""
 
 
 def _observation(frame: Frame, found: Detection, reading: Reading | None) -> Observation:

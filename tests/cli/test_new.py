@@ -10,6 +10,8 @@ from test_cli import run
 from simgrab.cli import _lenses
 from simgrab.cli.new import GRABS, PAINTS, WEATHERS
 from simgrab.dataset import preview
+from simgrab.errors import SuiteError
+from simgrab.judge.check import suite
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.scenario import Hold
@@ -101,6 +103,31 @@ def test_a_working_crane_moves_within_its_ropes(tmp_path):
     assert (scene.swing.work.dig_rope_m, scene.swing.work.carry_rope_m, scene.clip.frame_rate_hz) == (22, 8, 9)
 
 
+def test_a_fixed_scene_suits_a_suite_and_varies_its_weather_alone(tmp_path):
+    def place(name, *options):
+        new(tmp_path / f"{name}.toml", "--fixed", *options)
+        (tmp_path / "suite.toml").write_text(f'name = "s"\n[scenes.a]\nscene = "{name}.toml"\n')
+        return suite.load(tmp_path / "suite.toml").scenario("a").vary
+
+    assert place("one") == {}
+    (weather,) = place("two", "--weather", "clear,rain", "--grab", "clamshell").values()
+    assert weather.names == ("day, clear", "day, rain")
+    new(tmp_path / "loose.toml")
+    (tmp_path / "suite.toml").write_text('name = "s"\n[scenes.a]\nscene = "loose.toml"\n')
+    with pytest.raises(SuiteError, match="one camera"):
+        suite.load(tmp_path / "suite.toml")
+
+
+def test_wind_carries_the_rain_and_pushes_the_grab(tmp_path):
+    scene, out = new(tmp_path / "a.toml", "--wind", 12, "--weather", "rain")
+    assert (scene.weather.wind_m_s, scene.weather.rain_mm_h) == (12, 8)
+    assert "2 degrees, whatever the wind;" in out
+    scene, _ = new(tmp_path / "b.toml", "--wind", "12 m/s", "--motion", "cycles", "--light", "both")
+    assert scene.swing.wind.mean_m_s == 12
+    (moods,) = (factor for key, factor in scene.vary.items() if "weather" in key)
+    assert [mood["weather"]["wind_m_s"] for mood in moods.values] == [12, 12]
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
@@ -115,6 +142,7 @@ def test_a_working_crane_moves_within_its_ropes(tmp_path):
         (["--paint", "pink"], "orange, yellow"),
         (["--volume", 5], "clamshell"),
         (["--weather", "hail"], "dust"),
+        (["--wind", "gale"], "0 to 40"),
         (["--size", "64x64", "--fov", 60], "focal_length_px"),
         (["--motion", "cycles", "--ropes", "8..30"], "25 m"),
     ],

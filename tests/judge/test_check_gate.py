@@ -9,6 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree
 
 import click
@@ -27,10 +28,11 @@ from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.pipeline import Pipeline
-from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, trial, verdicts
+from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, table, trial, verdicts
 from simgrab.judge.check.causes import causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.truths import Truths
+from simgrab.model.records.observations import Detection
 
 # Limits so wide that only the baseline finds a fault.
 SUITE = {
@@ -267,21 +269,52 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
 
 
 @dataclasses.dataclass
-class RadiansTwice:
-    """Converts the angles of the sound pipeline from degrees once more."""
+class Times:
+    """Multiplies the angles of the sound pipeline."""
 
     pipeline: Pipeline
-    name: str = "radians twice"
+    factor: float
+    name: str = "times"
 
     def __call__(self, frames, calibration):
         for m in self.pipeline.record(frames, calibration).measurements:
-            yield msgspec.structs.replace(m, alpha=np.radians(m.alpha), alpha_low=None, alpha_high=None)
+            yield msgspec.structs.replace(m, alpha=self.factor * m.alpha, alpha_low=None, alpha_high=None)
+
+
+def test_a_wrong_tilt_is_named(place, tmp_path):
+    tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1.0}}))
+    (scene,) = gate.check(tight, options(place, FAULTS["sign of gamma"], baseline=None)).scenes.values()
+    found = re.search(
+        r"Correct the tilt first: this pipeline's is (\S+)° with an azimuth of (\S+)°, from 16 frames; the true one is "
+        r"(\S+)° with (\S+)°. With that, the RMSE would be (\S+)° instead of (\S+)°\.",
+        scene.causes,
+    )
+    own, azimuth, true, true_azimuth, rmse, worse = map(float, found.groups())
+    assert (true, true_azimuth, own, azimuth % 360) == (5.0, 40.0, pytest.approx(5, abs=0.5), pytest.approx(320, abs=5))
+    assert rmse < 0.1 < 1.0 < worse
+    assert "the error arises" not in scene.causes
+    (scene,) = check(place, FAULTS["h 5 % off"]).scenes.values()  # its wrong tilt is not what its angles follow from
+    assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+
+
+def test_a_wrong_centre_comes_before_the_tilt_that_is_estimated_from_it(place):
+    (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
+    why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert scene.trial.evaluation.budget.limit == "tilt estimated"  # most of the whole error
+    assert re.search(r"Correct the centre first: its error \(95th percentile\) is 2\.\d px\.", why)
+    assert "the tilt first" not in why
 
 
 def test_angles_converted_twice_are_named(place):
-    result = gate.check(suite.load(place / "small.toml"), options(place, RadiansTwice(sound(place / "cache"))))
-    (scene,) = result.scenes.values()
+    (scene,) = check(place, Times(sound(place / "cache"), np.pi / 180)).scenes.values()
     assert "converted from degrees to radians twice" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+
+
+def test_a_factor_is_named_rather_than_an_offset(place):
+    (scene,) = check(place, Times(sound(place / "cache"), 0.5)).scenes.values()
+    why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert "the measured angle is 0.50 times the true one. Without it the RMSE would be 0.1" in why
+    assert "offset" not in why
 
 
 @dataclasses.dataclass
@@ -326,13 +359,15 @@ def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
     assert first["true_deg"] == scene.trial.dataset.rows[first["frame"]].alpha_deg
     assert "the error arises" not in scene.causes
     assert "Largest contribution" not in scene.causes
-    (scene,) = gate.check(strict, options(place, sound, baseline=None)).scenes.values()
+    (scene,) = gate.check(strict, options(place, FAULTS["3 read as 8"], baseline=None)).scenes.values()
     assert "Largest contribution in the error budget with simgrab's estimator rope-aware: " in scene.causes
     found = scene.trial.evaluation
-    own = msgspec.structs.replace(found.budget.run, rmse_deg=0.0)  # better than simgrab's estimator
-    better = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own))
-    why = " ".join(causes(dataclasses.replace(scene.trial, evaluation=better), ["angle.overall.rmse_deg"]))
-    assert "Largest contribution" not in why
+    for times, said in ((0.0, ""), (1.5, "the error arises where")):  # simgrab's estimator's error from its inputs
+        own = msgspec.structs.replace(found.budget.run, rmse_deg=times * found.budget.chain[-1].rmse_deg)
+        other = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own))
+        why = " ".join(causes(dataclasses.replace(scene.trial, evaluation=other), ["angle.overall.rmse_deg"]))
+        assert said in why
+        assert "Largest contribution" not in why
     every = gate.check(small, options(place, Astray(sound(place / "cache"), 1), baseline=None))
     assert failed(every)["detection.centre.p95_px"].endswith("(IoU of at least 0.5), and none of 16 does")
     assert not gate.check(small, options(place, sound, baseline=None)).notes[1:]
@@ -378,6 +413,12 @@ def raises_in_frame_9(frames):
     return [1 / (i - 9) and MEASURED for i, _ in enumerate(frames)]
 
 
+def raises_late(frames):
+    for i, _ in enumerate(frames):
+        if i >= 2:  # it measures frame 0 once it has taken frame 2
+            yield 1 / (i - 11) and MEASURED
+
+
 def quits(_):
     sys.exit("no licence")
 
@@ -392,6 +433,8 @@ def outputs(**fields):
 ACTS = {
     "raises": (raises, "ZeroDivisionError: division by zero"),
     "raises in frame 9": (raises_in_frame_9, "the last frame it took is 9"),
+    "raises in frame 9 after all frames": (lambda f: raises_in_frame_9(list(f)), "it had taken all 16 frames"),
+    "raises in frame 9 of its own": (raises_late, "the last frame it took is 11, and measured up to frame 8"),
     "quits": (quits, "SystemExit: no licence"),
     "gives nothing": (lambda _: None, "TypeError"),
     "gives too few": (lambda _: [MEASURED], "measurements of"),
@@ -406,6 +449,11 @@ ACTS = {
     ),
     "gives numbers": (lambda frames: [0.1 for _ in frames], "frame 0: expected a Measurement, got float"),
     "gives a text": (outputs(alpha="0.1"), "frame 0: alpha"),
+    "gives no angle in frame 9": (
+        lambda frames: [MEASURED if i != 9 else Measurement(status="ok") for i, _ in enumerate(list(frames))],
+        "frame 9: status 'ok' needs alpha",
+    ),
+    "gives a status of its own": (outputs(status="fine"), "frame 0: status: invalid enum value 'fine'; there are: ok,"),
     "gives nan": (outputs(alpha=float("nan")), "frame 0: alpha"),
     "gives a centre of nan": (outputs(centre=(float("nan"), 1.0)), "centre: (nan, 1.0) is not finite"),
     "gives a sure danger": (outputs(danger=1.5), "frame 0: danger"),
@@ -423,6 +471,36 @@ def test_an_instrument_that_breaks_is_a_failure_reported_in_one_line(place, act)
     problem = failed(check(place, Broken(act), baseline=None))["instrument"]
     assert cause in problem
     assert "\n" not in problem
+
+
+@dataclasses.dataclass
+class BrokenDetector:
+    """Outputs something else than a box for the tenth picture."""
+
+    other: Any
+    name: str = "odd"
+    pictures: int = 0
+
+    def __call__(self, _):
+        self.pictures += 1
+        found = Detection("found", "", 0.9, centre=np.array([240.0, 130.0]))
+        return self.other() if self.pictures == 10 else found
+
+
+@pytest.mark.parametrize(
+    ("other", "cause"),
+    [
+        (lambda: None, "odd: expected a Detection, got NoneType"),
+        (lambda: Detection("found", "", 0.9), "odd: 'found' needs a box or a centre"),
+        (lambda: Detection("found", "", 0.9, centre=np.array([1, np.nan])), "odd: centre: 2 finite numbers are"),
+        (lambda: Detection("found", "", 0.9, box=np.zeros(3)), "odd: box: 4 finite numbers are required, got [0. 0. 0"),
+        (lambda: 1 / 0, f"ZeroDivisionError: division by zero ({__file__}, line "),
+    ],
+)
+def test_a_detection_that_is_invalid_is_a_failure_that_names_its_frame(place, other, cause):
+    problem = failed(check(place, Pipeline(BrokenDetector(other), None), baseline=None))["instrument"]
+    assert cause in problem
+    assert problem.endswith(", in frame 9")
 
 
 def test_numbers_of_numpy_are_numbers(place):
@@ -610,6 +688,24 @@ def test_a_broken_suite_is_an_error_and_leaves_nothing(shell, tmp_path):
     with pytest.raises(SuiteError, match=r"limts: unknown key \(did you mean 'limits'"):
         shell("--instrument", "pipelines:sound", at=bad)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_names_of_figures_are_whole_in_a_log_of_80_columns(terminal, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("FORCE_COLOR" if terminal else "NO_COLOR", "1")
+    names = ["reading.frames_refused.value", "detection.centre.box_radial_mean_px", "angle.by_rope.15 to 20 m.rmse_deg"]
+    found = [
+        report.Verdict(scene="night-light-snow", what=name, status="passed", value=0.1234, limit="≥ -0.4, ≤ 0.4",
+                       reference=0.2, allowed=0.1, frames="12 of 16 frames")
+        for name in names
+    ]  # fmt: skip
+    table.show(report.Report("s", "i", 0, tuple(found)))
+    out = capsys.readouterr().out
+    assert all(name in out for name in names)
+    assert terminal or "0.1234 (12 of 16 frames)" in out  # a log has no width
+    assert out.count("passed") == len(names) + 2
+    assert "…" not in out
 
 
 def test_a_report_with_odd_texts_is_still_xml(tmp_path):

@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
 
 from simgrab.errors import InstrumentError, RecordError, SimgrabError
-from simgrab.instrument.contract import Frame, Instrument, Measurement, TakesSensors, flaw
+from simgrab.instrument.contract import Frame, Instrument, Measurement, Status, TakesSensors, flaw
 from simgrab.instrument.estimate import ESTIMATORS
 from simgrab.instrument.pipeline import Pipeline, assemble
 from simgrab.io.strict import in_words
@@ -82,7 +82,7 @@ class CheckedInstrument:
         """Measure a record; NumPy's numbers are converted to plain ones."""
         passing = _Passing(self.name, frames)
         given: list[object] = []
-        with one_line(self.name, passing=RecordError, after=passing.latest):
+        with one_line(self.name, passing=RecordError, after=lambda: passing.latest(len(given))):
             for one in self.instrument(passing, calibration):
                 if not passing.reach(len(given) + 1):
                     if not given:  # nor is there a frame, which is reported elsewhere
@@ -118,9 +118,9 @@ class CheckedInstrument:
             plain = msgspec.convert({k: _number(v) for k, v in msgspec.structs.asdict(given).items()}, Measurement)
         except msgspec.ValidationError as problem:
             text, _, key = str(problem).partition(" - at `$.")
-            raise InstrumentError(
-                f"{self.name}: frame {i}: {key.rstrip('`') or 'measurement'}: {in_words(text)}"
-            ) from None
+            key = key.rstrip("`") or "measurement"
+            known = f"; there are: {', '.join(get_args(Status))}" if key == "status" else ""
+            raise InstrumentError(f"{self.name}: frame {i}: {key}: {in_words(text)}{known}") from None
         if wrong := flaw(plain):
             raise InstrumentError(f"{self.name}: frame {i}: {wrong}")
         return plain
@@ -139,6 +139,7 @@ class _Passing:
         self._kept = deque[Frame](maxlen=_MOST_KEPT)
         self._taken = 0  # by it, or too long ago to be kept
         self._count = 0
+        self._ended = False  # whether it asked for one more than there are
 
     def __iter__(self) -> Iterator[Frame]:
         return self
@@ -147,13 +148,19 @@ class _Passing:
         with self._lock:
             if self._count - self._taken > len(self._kept):
                 raise InstrumentError(f"{self._name}: requested frame {self._taken} after measuring later frames")
-            frame = self._kept.popleft() if self._kept else self._next()
+            try:
+                frame = self._kept.popleft() if self._kept else self._next()
+            except StopIteration:
+                self._ended = True
+                raise
             self._taken += 1
             return frame
 
-    def latest(self) -> str:
-        """Name the frame that was taken last."""
-        return f"; the last frame it took is {self._taken - 1}" if self._taken else "; it took no frame"
+    def latest(self, given: int) -> str:
+        """Name the frame that was taken last, and the one that was measured last, of those ``given`` so far."""
+        taken = f"the last frame it took is {self._taken - 1}" if self._taken else "it took no frame"
+        taken = f"it had taken all {self._taken} frames" if self._ended else taken
+        return f"; {taken}{f', and measured up to frame {given - 1}' if given else ''}"
 
     def reach(self, count: int | None) -> bool:
         """Advance to this number of frames; False if there are no more. None advances to the end."""
@@ -181,7 +188,7 @@ def _number(value: Any) -> Any:
 def one_line(
     what: str, *, passing: type[SimgrabError] = InstrumentError, after: Callable[[], str] = str
 ) -> Iterator[None]:
-    """Turn any exception into one line: what failed, why, where in the user's code, and what ``after`` adds.
+    """Turn any exception into one line: what failed, why, where in the user's code, and what notes and ``after`` add.
 
     Errors of the class ``passing`` are raised as they are.
 
@@ -194,11 +201,15 @@ def one_line(
     except (InstrumentError, passing):
         raise
     except SimgrabError as problem:
-        raise InstrumentError(f"{what}: {problem}") from problem
+        raise InstrumentError(f"{what}: {problem}{_notes(problem)}") from problem
     except (Exception, SystemExit) as problem:
         lines = str(problem).strip().splitlines()
         cause = f"{type(problem).__name__}: {lines[0]}" if lines else type(problem).__name__
-        raise InstrumentError(f"{what}: {cause}{_where(problem)}{after()}") from problem
+        raise InstrumentError(f"{what}: {cause}{_where(problem)}{_notes(problem)}{after()}") from problem
+
+
+def _notes(problem: BaseException) -> str:
+    return "".join(f", {note}" for note in getattr(problem, "__notes__", ()))
 
 
 def _where(problem: BaseException) -> str:

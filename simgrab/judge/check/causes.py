@@ -7,8 +7,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from simgrab.instrument.run.runs import reasons
+from simgrab.instrument.run.runs import Run, reasons
 from simgrab.judge.check.trial import Trial
+from simgrab.judge.evaluate.budget import of_centres, of_tilt
+from simgrab.judge.evaluate.truths import Truths
+from simgrab.model.geometry import Array
 
 _LISTED = 4  # frames at most
 
@@ -43,48 +46,80 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)
-    bias, rmse = (trial.metrics[f"angle.overall.{name}_deg"] for name in ("bias", "rmse"))
-    if bias is None or rmse is None:
-        return
-    spread, true_spread = (float(np.rad2deg(angle[both].std())) for angle in (run.alpha, true))
+    if both.any():
+        measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
+        yield from _of_angles(measured, swing)
+        yield from _of_stages(trial, run, trial.known, _rms(measured - swing), float(swing.std()), compared=compared)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _of_angles(measured: Array, true: Array) -> Iterator[str]:
+    """State how angles (n,), degrees, differ from the true ones as a whole."""
+    bias, rmse = float(np.mean(measured - true)), _rms(measured - true)
+    spread, true_spread = float(measured.std()), float(true.std())
     if spread < true_spread / 10:
         twice = 0.7 < math.radians(true_spread) / max(spread, 1e-9) < 1.4
         yield (
             f"The measured angle hardly follows the swing: its standard deviation is {spread:.2f}°, that of the true "
             f"swing {true_spread:.2f}°{', as if it were converted from degrees to radians twice' if twice else ''}."
         )
+        return
+    factor = float(measured @ true) / max(float(measured @ measured), 1e-12)
+    scaled, moved = _rms(factor * measured - true), _rms(measured - true - bias)
+    without = f"Without it the RMSE would be {min(scaled, moved):.2f}° instead of {rmse:.2f}°."
+    if factor > 0 and scaled < min(moved, rmse / 2):
+        yield f"Most of the error is a factor: the measured angle is {1 / factor:.2f} times the true one. {without}"
     elif bias**2 > rmse**2 / 2:
-        rest = math.sqrt(max(rmse**2 - bias**2, 0.0))
         yield (
             f"Most of the error is an offset: on average, the measured angle is {abs(bias):.2f}° too "
-            f"{'large' if bias > 0 else 'small'}. Without it the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
+            f"{'large' if bias > 0 else 'small'}. {without}"
         )
-    budget = trial.evaluation.budget
+
+
+def _of_stages(
+    trial: Trial, run: Run, known: Truths, rmse: float, true_spread: float, *, compared: bool
+) -> Iterator[str]:
+    """Name the first stage of the pipeline that explains its RMSE of the angle: centre, tilt, or the rest."""
+    later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
+    centre_deg, tilt = of_centres(run, known), of_tilt(run, known)
+    if trial.centres and centre_deg > rmse / 2:
+        off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))
+        yield (
+            f"Correct the centre first: its error (95th percentile) is {off_px:.1f} px. With all else true, angles "
+            f"that follow from it have an RMSE of {centre_deg:.2f}°, those of this pipeline {rmse:.2f}°.{later}"
+        )
+        return
+    if tilt and max(tilt.unlike_deg, tilt.rmse_deg) < rmse / 2:
+        yield (
+            f"Correct the tilt first: this pipeline's is {tilt.used.beta_deg:.2f}° with an azimuth of "
+            f"{tilt.used.tilt_azimuth_deg:.0f}°, from {tilt.used.frames} frames; the true one is "
+            f"{tilt.true.beta_deg:.2f}° with {tilt.true.tilt_azimuth_deg:.0f}°. With that, the RMSE would be "
+            f"{tilt.rmse_deg:.2f}° instead of {rmse:.2f}°.{later}"
+        )
+        return
+    budget = None if trial.evaluation is None else trial.evaluation.budget
     if budget is None:
         return
     fed = budget.chain[-1].rmse_deg  # estimated from the run's own centres and lengths
     fed, own = math.inf if fed is None else fed, budget.run.rmse_deg or 0.0
-    off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95)) if trial.centres else 0.0
-    off_deg = math.degrees(math.atan(off_px / run.calibration.focal_length_px))
-    # A wrong centre may hide in an estimated tilt; mere noise has a 95th percentile of 2.4 times its RMSE.
-    if own > 2 * fed >= 2 * true_spread:
+    if own**2 <= 2 * fed**2:  # the angles' own computation adds less than all before it
+        if round(own, 2) >= round(fed, 2):  # else the budget is of errors that this pipeline avoids
+            yield (
+                f"Largest contribution in the error budget with simgrab's estimator {budget.estimator}: "
+                f"{budget.limit}.{later}"
+            )
+    elif fed >= true_spread:
         yield (
             f"Correct centre and rope length first: from them, simgrab's estimator {budget.estimator} computes angles "
             f"with an RMSE of {fed:.2f}°, which is no better than a constant angle."
         )
-    elif off_deg > (1 if own > 2 * fed else 3) * rmse:
-        yield (
-            f"Correct the centre first: its error (95th percentile) is {off_px:.1f} px, which is {off_deg:.1f}° for "
-            f"the camera and thus more than the angle's RMSE of {rmse:.2f}°."
-        )
-    elif own > 2 * fed:
+    else:
         read = any(m.rope_length_m is not None for m in run.measurements)
         inputs = "From the centres and rope lengths that this pipeline measured"
         yield (
             f"{inputs if read else 'From its centres and the true lengths'}, simgrab's estimator {budget.estimator} "
             f"computes angles with an RMSE of {fed:.2f}°: the error arises where this pipeline computes its angles."
         )
-    elif round(own, 2) >= round(fed, 2):  # else the budget is of errors that this pipeline avoids
-        yield f"Largest contribution in the error budget with simgrab's estimator {budget.estimator}: {budget.limit}."
-        if compared:
-            yield "That is of the whole error; what grew since the baseline may be another."

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -139,14 +139,12 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
             if found[-1].problem:
                 failure = tuple(of_trial(name, found[-1], {}, None, 1))
                 return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
-        limits = suite.limits_of(name)
-        verdicts, *later = (tuple(of_trial(name, one, limits, None, 1)) for one in found)
-        notes = _warnings(name, found[0], verdicts, limits)
-        for seed, judged in zip(several[1:], later, strict=True):
-            if beyond := [f"{v.what} {v.limit}" for v in judged if v.status == "failed"]:
+        first, *later = (judged(name, one, suite.limits_of(name)) for one in found)
+        notes = list(first.notes)
+        for seed, other in zip(several[1:], later, strict=True):
+            if beyond := [f"{v.what} {v.limit}" for v in other.verdicts if v.status == "failed"]:
                 notes.append(f"{name}: warning: not met with seed {seed}: {', '.join(beyond)}")
-        spent = time.perf_counter() - begun
-        scenes[name] = Outcome(verdicts, found[0].metrics, spent, notes=tuple(notes), trial=found[0])
+        scenes[name] = replace(first, seconds=time.perf_counter() - begun, notes=tuple(notes))
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     done = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
     return Report(suite.name, instrument.name, suite.seed, (), done, scenes)
@@ -191,12 +189,12 @@ def _scene(
 ) -> Outcome:  # fmt: skip
     begun, limits, frames = time.perf_counter(), suite.limits_of(name), suite.scenes[name].golden
     dataset = _dataset(suite, name, seed, options)
-    found = trial(dataset, instrument)
-    verdicts, notes, pictures = of_trial(name, found, limits, recorded, base.ends(suite)), [], {}
+    found = judged(name, trial(dataset, instrument), limits, recorded, base.ends(suite))
+    verdicts, notes, pictures = list(found.verdicts), list[str](), {}
     if blind := [v.what for v in verdicts if recorded and v.value is not None and v.reference is None]:
         why = "because the baseline has too few values"
         notes.append(f"{name}: compared with limits only, {why}: {', '.join(blind)}")
-    notes += _warnings(name, found, verdicts, limits)
+    notes += found.notes
     if not (limits or frames):
         notes.append(f"{name}: nothing is judged, because it has no limits")
     for frame in frames if seed == suite.seed else ():
@@ -204,18 +202,27 @@ def _scene(
         verdicts.append(verdict)
         if difference is not None:
             pictures[f"{name}-{frame:06d}.png"] = difference
-    return Outcome(tuple(verdicts), found.metrics, time.perf_counter() - begun, pictures, tuple(notes), found)
+    seconds = time.perf_counter() - begun
+    return replace(found, verdicts=tuple(verdicts), seconds=seconds, pictures=pictures, notes=tuple(notes))
 
 
-def _warnings(name: str, found: Trial, verdicts: Sequence[Verdict], limits: Mapping[str, Limit]) -> list[str]:
-    """Warn of centres that figures leave out, and of limits that a constant angle meets."""
-    notes = []
+def judged(
+    name: str, found: Trial, limits: Mapping[str, Limit], recorded: Baseline | None = None, comparisons: int = 1
+) -> Outcome:
+    """Judge a trial of a scene, and warn of centres that figures leave out, and of limits that a constant angle meets.
+
+    Parameters
+    ----------
+    name, found, limits, recorded, comparisons
+        As in `simgrab.judge.check.verdicts.of_trial`.
+    """
+    verdicts, notes = tuple(of_trial(name, found, limits, recorded, comparisons)), []
     if left := leaves_out(found, verdicts):
         notes.append(f"{name}: warning: {left}")
     if met := lax(verdicts, limits):
         passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
         notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
-    return notes
+    return Outcome(verdicts, found.metrics, 0.0, notes=tuple(notes), trial=found)
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: CheckOptions) -> Dataset:

@@ -10,7 +10,8 @@ from simgrab.judge.check.report import Report
 from simgrab.judge.check.verdicts import Verdict
 from simgrab.reports.terminal import cell, stdout
 
-LEAST_WIDTH = 110  # of a log, which has no width
+LOG_WIDTH = 1000  # no limit: a log has no width
+HEAD = "scene", "what", "value", "limit", "baseline (may be worse by)"
 COLOURS = {"passed": "green", "failed": "red", "skipped": "yellow"}
 
 
@@ -18,7 +19,7 @@ def show(report: Report, *, quiet: bool = False) -> None:
     """Print a check: all verdicts, or with ``quiet`` those that failed, and why."""
     console = stdout()
     if not console.is_terminal:
-        console = stdout(width=max(console.width, LEAST_WIDTH))
+        console = stdout(width=LOG_WIDTH)
     if not quiet:
         console.print(_table(report))
     for verdict in report.verdicts:
@@ -40,12 +41,15 @@ def show(report: Report, *, quiet: bool = False) -> None:
 
 
 def _table(report: Report) -> Table:
-    table = Table("scene", "what")
-    for name in ("value", "limit", "baseline (may be worse by)"):
-        table.add_column(name, justify="right")
-    table.add_column("")
-    for verdict in report.verdicts:
-        table.add_row(*map(cell, cells(verdict)), f"[{COLOURS[verdict.status]}]{verdict.status}[/]")
+    """Verdicts as rows, without columns that are empty throughout; names stay whole where the terminal is narrow."""
+    rows = [cells(verdict) for verdict in report.verdicts]
+    used = [i for i in range(len(HEAD)) if any(row[i] for row in rows)]
+    table = Table()
+    for i in used:
+        table.add_column(HEAD[i], justify="left" if i < 2 else "right", no_wrap=i == 1, overflow="fold")
+    table.add_column("", no_wrap=True)
+    for verdict, row in zip(report.verdicts, rows, strict=True):
+        table.add_row(*(cell(row[i]) for i in used), f"[{COLOURS[verdict.status]}]{verdict.status}[/]")
     return table
 
 

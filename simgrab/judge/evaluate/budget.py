@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -174,6 +174,49 @@ class _Parts:
             off.append(parts.swing(CHAIN[-1], estimator)[1] - self.alpha)
         together = np.concatenate(off)
         return errors(together, np.zeros_like(together))
+
+
+class Tilts(NamedTuple):
+    """A run's tilt beside the true one.
+
+    Attributes
+    ----------
+    used, true : Known
+        The true one is the best that does not change.
+    unlike_deg : float
+        Root mean square difference of the run's angles from those that follow from its centres, lengths and tilt.
+    rmse_deg : float
+        RMSE of the angles that follow with the true tilt in place of its own.
+    """
+
+    used: Known
+    true: Known
+    unlike_deg: float
+    rmse_deg: float
+
+
+def of_tilt(run: Run, known: Truths) -> Tilts | None:
+    """Compare a run's tilt with the true one; None if it states none, or no centres."""
+    parts = None if run.about["tilt"] is None else _Parts.of(run, known)
+    if parts is None:
+        return None
+    used, best = msgspec.convert(run.about["tilt"], Known), steady(parts.rows, run.calibration)
+    true = msgspec.structs.replace(used, beta_deg=best.beta_deg, tilt_azimuth_deg=best.tilt_azimuth_deg)
+    own, other = (
+        follow(tilt, parts.centre["detected"], run.calibration, rope_length=parts.rope["read"])[0]
+        for tilt in (used, true)
+    )
+    pairs = (own, run.alpha[parts.some]), (other, parts.alpha)
+    unlike, rmse = (errors(*pair)["rmse_deg"] for pair in pairs)
+    return None if unlike is None or rmse is None else Tilts(used, true, unlike, rmse)
+
+
+def of_centres(run: Run, known: Truths) -> float:
+    """RMSE, degrees, of the angles that follow from a run's centres if all else is true; 0 if it states no centres."""
+    parts = _Parts.of(run, known)
+    if parts is None or len({_built(row) for row in parts.rows}) > 1:
+        return 0.0
+    return errors(by_pose(parts.rows, parts.centre["detected"], parts.rope["true"]), parts.alpha)["rmse_deg"] or 0.0
 
 
 def _given(run: Run) -> Known | None:
