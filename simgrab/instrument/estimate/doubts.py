@@ -20,8 +20,8 @@ CHECKS = "are slew (unit, clockwise), radius or luff, offset_m, the rope's lengt
 # Beside the reported motion a fit to right data needs, in winds up to 14 m/s, a tenth of this white acceleration,
 # m²/s³, and two thirds of this slow forcing, rad; the camera's share of apparent gravity is within 0.05 of 0 to 1.
 MOST_FORCING, MOST_LEAN, SHARES = 3e-4, 3e-3, (-0.2, 1.2)
-# Of the pendulum beyond |OA|, two standard deviations of its prior. Errors of pixels that last, if they are not stated,
-# lead beyond the figures above, but not to a pendulum that is 1.5 m, three of these deviations, too short or too long.
+# Of the pendulum beyond |OA|, two standard deviations of its prior, and three. Errors of pixels that last lead beyond
+# the figures above, but hardly to a pendulum so short or long, unless their deviation is not stated.
 LONGER_M, FARTHER_M = (-0.6, 1.4), (-1.1, 1.9)
 CLEARLY = 20.0  # difference of the logarithms of likelihoods
 STRETCH_S = 60.0  # of the record, on which mistakes are tried
@@ -36,7 +36,8 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
     """Say that the swing does not follow the controller's motion, and without which mistake it would.
 
     On the stretch with most of the motion, the record must be far more likely without the mistake than with the data as
-    stated and without each of the others. None is named where only the pendulum's length shows that it does not follow.
+    stated and without each of the others. None is named where only the pendulum's length shows that it does not follow,
+    which it may do without a deviation stated for pixels too.
 
     Parameters
     ----------
@@ -65,13 +66,14 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
     costs = {
         text: _cost(replace(stated, controller=one), some, calibration, scale) for text, one, scale in _mistakes(nearby)
     }
-    first, second = sorted(costs, key=lambda text: costs[text])[:2]
+    first, *others = sorted(costs, key=lambda text: costs[text])
     said = "the swing does not follow the controller's motion"
-    if first != STATED and costs[first] < costs[second] - CLEARLY:
+    if first != STATED and costs[first] < costs[others[0]] - CLEARLY:
         return f"{said}: {first}"
     if not found.ok:
         return CHECKS
-    return "" if FARTHER_M[0] < found.diagnostics["longer_m"] < FARTHER_M[1] else f"{said}: {CHECKS}"
+    usual = FARTHER_M[0] < found.diagnostics["longer_m"] < FARTHER_M[1]
+    return "" if usual or not estimator.wander_px else f"{said}: {CHECKS}"
 
 
 def follows(found: Estimate) -> bool:
@@ -88,15 +90,13 @@ def follows(found: Estimate) -> bool:
 
 def _mistakes(controller: Controller) -> Iterator[tuple[str, Controller, float]]:
     """Yield what would explain it, the data without that mistake, and the factor of the rope's length."""
-    slew, radius = controller.slew, controller.radius
+    slew = controller.slew
     yield STATED, controller, 1.0
     if slew is not None and np.nanmax(slew) > np.nanmin(slew):
         yield "it follows with slew.clockwise the other way round", replace(controller, slew=-slew), 1.0
         rate = np.diff(np.interp(np.arange(*controller.time[[0, -1]]), controller.time, slew))  # rad/s
         if np.nanmax(np.abs(rate), initial=0.0) * DEGREES < MOST_SLEW_RAD_S:
             yield "it follows with slewing angles in rad", _scaled(controller, "slew", DEGREES), 1.0
-    if radius is not None and np.nanmax(radius) > np.nanmin(radius):
-        yield "it follows with radii in ft", _scaled(controller, "radius", FEET), 1.0
     if controller.rope is not None:
         yield "it follows with rope lengths in ft", controller, FEET
 
