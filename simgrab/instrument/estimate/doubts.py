@@ -20,8 +20,7 @@ CHECKS = "are slew (unit, clockwise), radius or luff, offset_m, the rope's lengt
 # Beside the reported motion a fit to right data needs, in winds up to 14 m/s, a tenth of this white acceleration,
 # m²/s³, and two thirds of this slow forcing, rad; the camera's share of apparent gravity is within 0.05 of 0 to 1.
 MOST_FORCING, MOST_LEAN, SHARES = 3e-4, 3e-3, (-0.2, 1.2)
-# Of the pendulum beyond |OA|, two standard deviations of its prior, and three. Errors of pixels that last lead beyond
-# the figures above, but hardly to a pendulum so short or long, unless their deviation is not stated.
+# Of the pendulum beyond |OA|, two standard deviations of its prior, and three, which right data do not reach.
 LONGER_M, FARTHER_M = (-0.6, 1.4), (-1.1, 1.9)
 CLEARLY = 20.0  # difference of the logarithms of likelihoods
 STRETCH_S = 60.0  # of the record, on which mistakes are tried
@@ -36,8 +35,8 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
     """Say that the swing does not follow the controller's motion, and without which mistake it would.
 
     On the stretch with most of the motion, the record must be far more likely without the mistake than with the data as
-    stated and without each of the others. None is named where only the pendulum's length shows that it does not follow,
-    which it may do without a deviation stated for pixels too.
+    stated and without each of the others. None is named where only the pendulum's length shows that it does not follow.
+    Errors of pixels that last and whose deviation is not stated look alike: without that it says nothing.
 
     Parameters
     ----------
@@ -61,6 +60,8 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
         return ""
     if follows(found) or not (found.ok or found.reason == NOT_CONVERGED):
         return ""
+    if not estimator.wander_px:
+        return "" if found.ok else CHECKS
     some, nearby = _stretch(record, estimator.controller)
     stated = replace(estimator, controller=nearby)
     costs = {
@@ -72,8 +73,7 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
         return f"{said}: {first}"
     if not found.ok:
         return CHECKS
-    usual = FARTHER_M[0] < found.diagnostics["longer_m"] < FARTHER_M[1]
-    return "" if usual or not estimator.wander_px else f"{said}: {CHECKS}"
+    return "" if FARTHER_M[0] < found.diagnostics["longer_m"] < FARTHER_M[1] else f"{said}: {CHECKS}"
 
 
 def follows(found: Estimate) -> bool:
