@@ -106,9 +106,13 @@ def share(alpha: Array, low: Array, high: Array) -> dict[str, float | None]:
         alike in all frames, and more often if they are not. None where intervals or angles lack.
     """
     known = np.isfinite(alpha)
-    shares = {"share": probability(alpha, low, high), "low": 1.0 * (low > DANGER), "high": 1.0 * (high > DANGER)}
-    stated = {"share": known.any(), "low": np.isfinite(low[known]).any(), "high": np.isfinite(high[known]).any()}
-    return {name: float(np.mean(of[known])) if stated[name] else None for name, of in shares.items()}
+    if not known.any():
+        return dict.fromkeys(("share", "low", "high"))
+    mean = float(np.mean(probability(alpha, low, high)[known]))
+    if not np.isfinite(high[known]).any():
+        return {"share": mean, "low": None, "high": None}
+    surely, perhaps = (float(np.mean(end[known] > DANGER)) for end in (low, high))
+    return {"share": mean, "low": min(surely, mean), "high": max(perhaps, mean)}
 
 
 def deviation(alpha: Array, high: Array) -> Array:

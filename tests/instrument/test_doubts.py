@@ -44,7 +44,6 @@ def test_what_follows_is_not_doubted():
 @pytest.mark.parametrize(
     ("mount", "seed", "mistake", "named"),
     [
-        ("fixed", 101, lambda c: replace(c, rope=np.full(len(c.time), 20.0)), "rope lengths in ft"),
         ("levelled", 101, lambda c: replace(c, slew=-c.slew), "follows with slew.clockwise the other way round"),
         ("fixed", 103, lambda c: replace(c, slew=c.slew * np.pi / 180), "angles in rad"),
         ("rigid", 102, lambda c: replace(c, slew=c.slew[::-1].copy()), "radius or luff, offset_m, the rope's length"),
@@ -53,8 +52,6 @@ def test_what_follows_is_not_doubted():
 def test_a_mistake_that_alone_explains_it_is_named(mount, seed, mistake, named):
     record, camera, reports = given(mount, seed)
     estimator = PendulumSmoother(controller=mistake(reports), wander_px=1.3)
-    if estimator.controller.rope is not None:
-        record = replace(record, rope_length=record.rope_length / 0.3048)
     said = doubt(estimator, record, camera, FORCED)
     assert said.startswith("the swing does not follow the controller's motion")
     assert named in said

@@ -297,11 +297,17 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
     assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
 
 
+def test_a_limit_on_missed_alarms_is_named_where_no_swing_can_be_missed(place, tmp_path):
+    strict = suite.load(write(tmp_path, limits={"alarm.missed": {"upper": 0}}))
+    notes = gate.check(strict, options(place, sound, baseline=None)).notes
+    assert "swing: warning: alarm.missed tests nothing, since no swing exceeds 10.5°" in notes
+
+
 def test_a_wrong_centre_comes_before_the_tilt_that_is_estimated_from_it(place):
     (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
     why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
     assert scene.trial.evaluation.budget.limit == "tilt estimated"  # most of the whole error
-    assert re.search(r"Correct the centre first: its error \(95th percentile\) is 2\.\d px\.", why)
+    assert re.search(r"Correct centre and tilt: the centre's error \(95th percentile\) is 2\.\d px\.", why)
     assert "the tilt first" not in why
 
 
@@ -350,7 +356,7 @@ def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
     for frame in (0, 4, 8, 12):
         assert f" px in frame {frame}" in scene.causes
         assert re.search(rf"<figcaption>Frame {frame}: .*, centre 21\d\.\d px off", page.page(result))
-    assert "Correct the centre first: its error (95th percentile) is 21" in scene.causes
+    assert "Correct the centre first: the centre's error (95th percentile) is 21" in scene.causes
     written = json.loads(report.as_json(result))
     assert written["causes"] == dict.fromkeys(result.scenes, scene.causes)
     (listed,) = written["worst_frames"].values()
@@ -358,16 +364,16 @@ def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
     first = listed[-1]
     assert first["true_deg"] == scene.trial.dataset.rows[first["frame"]].alpha_deg
     assert "the error arises" not in scene.causes
-    assert "Largest contribution" not in scene.causes
+    assert "largest contribution" not in scene.causes
     (scene,) = gate.check(strict, options(place, FAULTS["3 read as 8"], baseline=None)).scenes.values()
-    assert "Largest contribution in the error budget with simgrab's estimator rope-aware: " in scene.causes
+    assert "The largest contribution in its error budget: " in scene.causes
     found = scene.trial.evaluation
     for times, said in ((0.0, ""), (1.5, "the error arises where")):  # simgrab's estimator's error from its inputs
         own = msgspec.structs.replace(found.budget.run, rmse_deg=times * found.budget.chain[-1].rmse_deg)
         other = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own))
         why = " ".join(causes(dataclasses.replace(scene.trial, evaluation=other), ["angle.overall.rmse_deg"]))
         assert said in why
-        assert "Largest contribution" not in why
+        assert "largest contribution" not in why
     every = gate.check(small, options(place, Astray(sound(place / "cache"), 1), baseline=None))
     assert failed(every)["detection.centre.p95_px"].endswith("(IoU of at least 0.5), and none of 16 does")
     assert not gate.check(small, options(place, sound, baseline=None)).notes[1:]

@@ -28,15 +28,15 @@ STEP_S = 0.3  # between its frames
 AROUND_S = 10.0  # of readings around it, beside what the clock is uncertain by
 MOST_SLEW_RAD_S = 0.5
 LEAST_STEP = 1e-9  # rad or m, of readings that differ
-FEET, DEGREES = 0.3048, 180 / np.pi
+DEGREES = 180 / np.pi
 
 
 def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, found: Estimate) -> str:
     """Say that the swing does not follow the controller's motion, and without which mistake it would.
 
-    On the stretch with most of the motion, the record must be far more likely without the mistake than with the data as
-    stated and without each of the others. None is named where only the pendulum's length shows that it does not follow.
-    Errors of pixels that last and whose deviation is not stated look alike: without that it says nothing.
+    On the stretch with most of the motion, the swing must follow without the mistake, and the record be far more likely
+    than with the data as stated and without another mistake. None is named where only the pendulum's length shows that
+    it does not follow. Errors of pixels that last and whose deviation is not stated look alike: then it says nothing.
 
     Parameters
     ----------
@@ -63,10 +63,13 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
     if not estimator.wander_px:
         return "" if found.ok else CHECKS
     some, nearby = _stretch(record, estimator.controller)
-    stated = replace(estimator, controller=nearby)
-    costs = {
-        text: _cost(replace(stated, controller=one), some, calibration, scale) for text, one, scale in _mistakes(nearby)
-    }
+    costs = {}
+    for text, one in _mistakes(nearby):
+        tried = replace(estimator, controller=one).estimate(
+            some.pixels, calibration, rope_length=some.rope_length, time=some.time, pixel_sd=some.pixel_sd
+        )
+        likely = tried.ok if text == STATED else follows(tried)
+        costs[text] = float(tried.diagnostics["cost"]) if likely else np.inf
     first, *others = sorted(costs, key=lambda text: costs[text])
     said = "the swing does not follow the controller's motion"
     if first != STATED and costs[first] < costs[others[0]] - CLEARLY:
@@ -88,33 +91,18 @@ def follows(found: Estimate) -> bool:
     )
 
 
-def _mistakes(controller: Controller) -> Iterator[tuple[str, Controller, float]]:
-    """Yield what would explain it, the data without that mistake, and the factor of the rope's length."""
+def _mistakes(controller: Controller) -> Iterator[tuple[str, Controller]]:
+    """Yield what would explain it, and the data without that mistake."""
+    yield STATED, controller
     slew = controller.slew
-    yield STATED, controller, 1.0
     if slew is not None and np.nanmax(slew) > np.nanmin(slew):
-        yield "it follows with slew.clockwise the other way round", replace(controller, slew=-slew), 1.0
+        yield "it follows with slew.clockwise the other way round", replace(controller, slew=-slew)
         rate = np.diff(np.interp(np.arange(*controller.time[[0, -1]]), controller.time, slew))  # rad/s
         if np.nanmax(np.abs(rate), initial=0.0) * DEGREES < MOST_SLEW_RAD_S:
-            yield "it follows with slewing angles in rad", _scaled(controller, "slew", DEGREES), 1.0
-    if controller.rope is not None:
-        yield "it follows with rope lengths in ft", controller, FEET
-
-
-def _scaled(controller: Controller, name: str, by: float) -> Controller:
-    """Scale readings; their least steps show the resolution, whose statement is as doubtful as that of the unit."""
-    series = by * getattr(controller, name)
-    steps = np.abs(np.diff(series))
-    return replace(controller, **{name: series, f"{name}_sd": np.quantile(steps[steps > LEAST_STEP], 0.1) / 12**0.5})
-
-
-def _cost(estimator: PendulumSmoother, record: PixelRecord, calibration: Calibration, scale: float) -> float:
-    """Minus the logarithm of the record's likelihood; infinite if nothing is estimated."""
-    assert record.rope_length is not None
-    found = estimator.estimate(
-        record.pixels, calibration, rope_length=scale * record.rope_length, time=record.time, pixel_sd=record.pixel_sd
-    )
-    return float(found.diagnostics["cost"]) if found.ok else np.inf
+            # The least steps show the resolution, whose statement is as doubtful as that of the unit.
+            steps = np.abs(np.diff(slew * DEGREES))
+            sd = float(np.quantile(steps[steps > LEAST_STEP], 0.1)) / 12**0.5
+            yield "it follows with slewing angles in rad", replace(controller, slew=slew * DEGREES, slew_sd=sd)
 
 
 def _stretch(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, Controller]:

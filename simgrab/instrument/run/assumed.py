@@ -85,7 +85,7 @@ def _of_size(camera: Calibration, measured: Sequence[Measurement]) -> str:
     length, size = length[known], np.min(boxes[known, 2:] - boxes[known, :2], axis=1)
     ends = [length <= np.quantile(length, 0.25), length >= np.quantile(length, 0.75)]
     (near, far), (large, small) = ([np.median(of[end]) for end in ends] for of in (length, size))
-    if large <= small:
+    if large <= small or far <= near:
         return ""
     error = (far * small - near * large) / (large - small)
     if far - near < (near + error) / 2 or abs(error) < MOST_ERROR * (far + error) ** 2 / (far - near):

@@ -70,7 +70,7 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
     factor = float(measured @ true) / max(float(measured @ measured), 1e-12)
     scaled, moved = _rms(factor * measured - true), _rms(measured - true - bias)
     without = f"Without it the RMSE would be {min(scaled, moved):.2f}° instead of {rmse:.2f}°."
-    if factor > 0 and scaled < min(moved, rmse / 2):
+    if factor > 0 and scaled < min(moved, rmse) / 2:
         yield f"Most of the error is a factor: the measured angle is {1 / factor:.2f} times the true one. {without}"
     elif bias**2 > rmse**2 / 2:
         yield (
@@ -85,11 +85,19 @@ def _of_stages(
     """Name the first stage of the pipeline that explains its RMSE of the angle: centre, tilt, or the rest."""
     later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
     centre_deg, tilt = of_centres(run, known), of_tilt(run, known)
-    if trial.centres and centre_deg > rmse / 2:
+    budget = None if trial.evaluation is None else trial.evaluation.budget
+    if trial.centres and centre_deg**2 > rmse**2 / 2:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))
+        which, rest = "the centre first", None if budget is None else budget.chain[-2].rmse_deg
+        more = f", those of this pipeline {rmse:.2f}°."
+        if tilt and budget is not None and rest is not None and rest**2 > rmse**2 / 2:
+            which, more = "centre and tilt", (
+                f"; the tilt that is estimated from it hides a part. With true centres, simgrab's estimator "
+                f"{budget.estimator} would have one of {rest:.2f}°, most of it by: {budget.limit}."
+            )  # fmt: skip
         yield (
-            f"Correct the centre first: its error (95th percentile) is {off_px:.1f} px. With all else true, angles "
-            f"that follow from it have an RMSE of {centre_deg:.2f}°, those of this pipeline {rmse:.2f}°.{later}"
+            f"Correct {which}: the centre's error (95th percentile) is {off_px:.1f} px. With all else true, angles "
+            f"that follow from it have an RMSE of {centre_deg:.2f}°{more}{later}"
         )
         return
     if tilt and max(tilt.unlike_deg, tilt.rmse_deg) < rmse / 2:
@@ -100,7 +108,6 @@ def _of_stages(
             f"{tilt.rmse_deg:.2f}° instead of {rmse:.2f}°.{later}"
         )
         return
-    budget = None if trial.evaluation is None else trial.evaluation.budget
     if budget is None:
         return
     fed = budget.chain[-1].rmse_deg  # estimated from the run's own centres and lengths
@@ -108,8 +115,8 @@ def _of_stages(
     if own**2 <= 2 * fed**2:  # the angles' own computation adds less than all before it
         if round(own, 2) >= round(fed, 2):  # else the budget is of errors that this pipeline avoids
             yield (
-                f"Largest contribution in the error budget with simgrab's estimator {budget.estimator}: "
-                f"{budget.limit}.{later}"
+                f"From the same centres and lengths, simgrab's estimator {budget.estimator} has an RMSE of {fed:.2f}°. "
+                f"The largest contribution in its error budget: {budget.limit}.{later}"
             )
     elif fed >= true_spread:
         yield (

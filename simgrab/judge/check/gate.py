@@ -219,6 +219,8 @@ def judged(
     verdicts, notes = tuple(of_trial(name, found, limits, recorded, comparisons)), []
     if left := leaves_out(found, verdicts):
         notes.append(f"{name}: warning: {left}")
+    if found.metrics.get("alarm.sure") == 0 and any(v.what == "alarm.missed" for v in verdicts):
+        notes.append(f"{name}: warning: alarm.missed tests nothing, since no swing exceeds 10.5°")
     if met := lax(verdicts, limits):
         passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
         notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
