@@ -298,9 +298,11 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
 
 
 def test_a_limit_on_missed_alarms_is_named_where_no_swing_can_be_missed(place, tmp_path):
-    strict = suite.load(write(tmp_path, limits={"alarm.missed": {"upper": 0}}))
-    notes = gate.check(strict, options(place, sound, baseline=None)).notes
-    assert "swing: warning: alarm.missed tests nothing, since no swing exceeds 10.5°" in notes
+    (scene,) = check(place, sound).scenes.values()
+    limit = suite.load(write(tmp_path, limits={"alarm.missed": {"upper": 0}})).limits
+    for sure, said in ((0.0, ("swing: warning: alarm.missed tests nothing, since no swing exceeds 10.5°",)), (1.0, ())):
+        metrics = {**scene.trial.metrics, "alarm.sure": sure, "alarm.missed": 0.0}
+        assert gate.judged("swing", dataclasses.replace(scene.trial, metrics=metrics), limit).notes == said
 
 
 def test_a_wrong_centre_comes_before_the_tilt_that_is_estimated_from_it(place):
