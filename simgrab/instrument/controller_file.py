@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
 from simgrab.instrument.controller import Controller
+from simgrab.instrument.estimate.jib import RADIUS_M
 from simgrab.instrument.estimate.tables import decimal_comma, read_texts
 from simgrab.instrument.read import Hoist, consistent
 from simgrab.instrument.rope import bridged
@@ -236,6 +237,8 @@ def read_controller(
             table = read(file) if read else read_texts(file, [facts.time.column], facts.time.column)
             files[file] = _rows(file, table, facts.time, notes)
         series["radius" if name == "luff" else name] = _series(files[file], name, quantity, notes)
+    if "slew" in series and "radius" not in series:
+        notes.append(f"{path}: slew without radius or luff: a radius of {RADIUS_M:g} m is assumed")
     grid = max((time for time, _, _ in series.values()), key=len)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
@@ -313,6 +316,9 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
     refuse = _Refusing(where, rows.kept, notes)
     cells, bad = _parsed(rows.path, rows.table, quantity.column, float)
     raw = refuse(cells[rows.kept], bad[rows.kept], "not a number", _of_commas(rows.table, quantity.column, bad))
+    empty = int((np.isnan(cells) & ~bad)[rows.kept].sum())
+    if 0 < 2 * empty < len(raw):  # more: a column of a lower rate
+        notes.append(f"{where}: {empty} of {len(raw)} cells are empty")
     low, high, speed, unit = _LIMITS[name]
     values = raw * scale
     if isinstance(quantity, RopeLength):

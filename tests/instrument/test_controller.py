@@ -103,6 +103,7 @@ def test_series_of_other_rates_and_gaps_are_put_together(tmp_path):
     about["rope"] = quantity("l", "m", file="rope.csv") | {"rate_hz": 2.0}
     found = read_controller(written(tmp_path, {"t": TIME[kept], "slew": SLEW[kept]}, about))
     assert found.radius is None
+    assert any(note.endswith("slew without radius or luff: a radius of 25 m is assumed") for note in found.notes)
     assert found.slew_sd == pytest.approx(0.02 * np.quantile(np.abs(np.gradient(SLEW, TIME)[kept]), 0.98), rel=0.05)
     at = np.arange(1, 59, 0.05)
     known = found.rope_at(at)
@@ -138,6 +139,7 @@ REFUSED_ROWS = {
     "no time": (cell("t", 9, "nan"), "time, column 't': 1 of 600 readings refused, the first in row 10: not a time"),
     "NaN": (cell("rope", 9, "nan"), "rope, column 'rope': 1 of 600 readings refused, the first in row 10: not a num"),
     "text": (cell("slew", 9, "n/a"), "slew, column 'slew': 1 of 600 readings refused, the first in row 10: not a num"),
+    "nothing": (cell("rope", 9, ""), "rope, column 'rope': 1 of 600 cells are empty"),
     "infinity": (cell("radius", 9, "inf"), "radius, column 'radius': 1 of 600 readings refused"),
     "a length that no rope has": (cell("rope", 9, "6553.5"), "the first in row 10: not between 0 and 200 m"),
     "a length that the hoist cannot reach": (cell("rope", 9, "40"), "the first in row 10: faster than 3 m/s"),
