@@ -53,11 +53,11 @@ def outcomes_of(folder, tests, cache):
     command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", *LOADED, f"--simgrab-cache={cache}"]
     command += ["--junit-xml=junit.xml", "--simgrab-out=out"]
     done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True)
-    told = {"": done.stdout}
+    found = {"": done.stdout}
     for case in ElementTree.parse(folder / "junit.xml").iter("testcase"):
-        told.setdefault(case.get("name"), "")
-        told[case.get("name")] += "".join(problem.get("message") + (problem.text or "") for problem in case)
-    return told
+        found.setdefault(case.get("name"), "")
+        found[case.get("name")] += "".join(problem.get("message") + (problem.text or "") for problem in case)
+    return found
 
 
 def marked(name, limit, body="    simgrab_judge(Still(), record)", fixtures="simgrab_judge, record"):
@@ -131,12 +131,14 @@ def test_a_suite_is_checked_with_its_baseline(tmp_path, cache):
     recorded.parent.mkdir(parents=True)
     other = {"suite": "other", "instrument": "still", "simgrab": baseline.version(), "seeds": [0], "scenes": {}}
     recorded.write_text(json.dumps(other))
-    told = outcomes_of(tmp_path, OWN + "def test_it(simgrab_check): simgrab_check('small.toml')\n", cache)
-    assert "baseline: out of date: recorded for the suite 'other'" in told["test_it"]
+    found = outcomes_of(tmp_path, OWN + "def test_it(simgrab_check): simgrab_check('small.toml')\n", cache)
+    assert "baseline: out of date: recorded for the suite 'other'" in found["test_it"]
     recorded.unlink()
-    told = outcomes_of(tmp_path, OWN + "def test_it(simgrab_check): assert simgrab_check('small.toml').passed\n", cache)
-    assert told["test_it"] == ""
-    assert "no baseline to compare with" in told[""]
+    found = outcomes_of(
+        tmp_path, OWN + "def test_it(simgrab_check): assert simgrab_check('small.toml').passed\n", cache
+    )
+    assert found["test_it"] == ""
+    assert "no baseline to compare with" in found[""]
     assert len(list(cache.glob("*/manifest.json"))) == 1
 
 
@@ -162,10 +164,10 @@ def test_frames_and_truth_are_kept_between_runs_and_the_documented_example_works
     (tmp_path / "test_example.py").write_text(f"SMALL = {SMALL}\n{example}")
     (made,) = cache.glob("*/manifest.json")
     before = made.stat().st_mtime_ns
-    told = outcomes_of(tmp_path, KEPT, cache)
-    assert told.pop("test_it") == ""
-    told.pop("")
-    (exceeded,) = filter(None, told.values())  # the example's answer is constant
+    found = outcomes_of(tmp_path, KEPT, cache)
+    assert found.pop("test_it") == ""
+    found.pop("")
+    (exceeded,) = filter(None, found.values())  # the example's answer is constant
     assert re.search(r"angle.overall.rmse_deg: [\d.]+ misses the limit ≤ 0.8", exceeded)
-    assert len(told) == 2
+    assert len(found) == 2
     assert made.stat().st_mtime_ns == before

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,6 @@ MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
 OTHER_UNITS = {"feet, not metres": 0.3048, "metres, not feet": 1 / 0.3048, "decimetres, not metres": 0.1}
-BEHIND = "behind the pictures'"  # what a positive offset of the clock means
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +120,13 @@ class ClockOffset:
             f"the display's rope length is {self.difference_m:+.2f} m from the controller's, which is used; one of "
             "rope.constant_m in the controller's TOML and display_constant_m in the camera TOML is wrong"
         )
+
+
+def in_words(offset_s: float, interval_s: Sequence[float], source: str, by_swing_s: float | None) -> str:
+    """State a clock's offset with its interval of 95 %, and the offset that the swing shows, if it shows one."""
+    low, high = interval_s
+    said = f"{offset_s:+.2f} s ({low:+.2f} to {high:+.2f}) behind the pictures', from {source}"
+    return said + ("" if by_swing_s is None else f"; {by_swing_s:+.2f} s by the swing, which is used")
 
 
 def _unit(misfit: Callable[[float], float], display: Array) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from simgrab.errors import RecordError, first_line
 from simgrab.instrument import alarm
-from simgrab.instrument.controller import BEHIND, ClockOffset, Controller, clock_offset
+from simgrab.instrument.controller import ClockOffset, Controller, clock_offset, in_words
 from simgrab.instrument.controller_file import read_controller
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.doubts import doubt
@@ -164,7 +164,11 @@ def measure(
     by_motion = getattr(kind, "controller", None) is not None and not kind.needs_imu
     far = "" if found.offset is None else far_offset(found.offset.tolist(), calibration, by_motion=by_motion)
     late = found.diagnostics.get("clock_s") if by_motion else None
-    notes = () if controller is None or clock is None else (*controller.notes, clock.note, _said(clock, late))
+    notes: tuple[str, ...] = ()
+    if controller is not None and clock is not None:
+        shown = None if late is None else clock.offset_s - late
+        said = in_words(clock.offset_s, clock.interval_s, clock.source, shown)
+        notes = (*controller.notes, clock.note, f"controller's clock: {said}")
     return EstimatedRecord(record, calibration, found, tuple(filter(None, (*notes, *warnings, far, why))))
 
 
@@ -193,13 +197,6 @@ def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Arra
         given["wander_px"] = float(np.median(stated))
     taken = {name: value for name, value in given.items() if hasattr(estimator, name)}
     return replace(estimator, **taken) if taken else estimator
-
-
-def _said(clock: ClockOffset, late: float | None) -> str:
-    """State a clock's offset, and the one by the swing, which finds the clock so many seconds late, if it does."""
-    low, high = clock.interval_s
-    said = f"controller's clock: {clock.offset_s:+.2f} s ({low:+.2f} to {high:+.2f}) {BEHIND}, from {clock.source}"
-    return said + ("" if late is None else f"; {clock.offset_s - late:+.2f} s by the swing, which is used")
 
 
 def _on_its_clock(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, Controller, ClockOffset]:

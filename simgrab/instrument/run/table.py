@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.instrument.controller import BEHIND
+from simgrab.instrument.controller import in_words
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.run.runs import Run
@@ -78,11 +78,7 @@ def held(run: Run) -> list[tuple[str, str]]:
     if asked:
         rows.append(("rope lengths read", f"{read} of {asked} ({100 * read / asked:.3f} %)"))
     if reported := run.about.get("controller"):
-        low, high = reported["clock_interval_s"]
-        clock = f"{reported['clock_offset_s']:+.2f} s ({low:+.2f} to {high:+.2f}) {BEHIND}"
-        clock += f", from {reported['clock_from']}"
-        by_motion = reported.get("clock_by_motion_s")
-        clock += f"; {by_motion:+.2f} s by the swing, which is used" if by_motion is not None else ""
+        clock = in_words(*(reported[f"clock_{name}"] for name in ("offset_s", "interval_s", "from", "by_motion_s")))
         rows.append(("controller's clock", clock))
     estimate = run.about["estimate"]
     if estimate is not None:
