@@ -70,7 +70,7 @@ def _report(line: str) -> None:
     "--wind-m-s",
     type=click.FloatRange(0, 40),
     default=0.0,
-    help="Mean wind during the recording: the grab leans in it, and intervals get wider.  [default: not known]",
+    help="Mean wind: the grab leans in it, and intervals get wider.  [default: the controller's, or not known]",
 )
 @click.option("--no-video", is_flag=True, help="Write no annotated video.")
 @click.option("--paper", is_flag=True, help="Print and report the paper's figures of its own video too.")

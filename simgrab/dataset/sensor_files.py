@@ -76,6 +76,7 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
         "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg, {}),
         "radius": ("radius [m]", "m", sensor.radius_resolution_m, {}),
         "rope": ("rope_length [m]", "m", sensor.rope_resolution_m, {"constant_m": 0.0}),
+        "wind": ("wind [m/s]", "m/s", sensor.wind_resolution_m_s, {}),
     }
     clock = {"column": STAMP, "unit": "ns", "clock_sd_s": sensor.clock_offset_ms / 1000}
     return tomli_w.dumps(

@@ -23,6 +23,7 @@ BLOCK_S = 20.0  # within which errors of readings depend on each other
 MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
+LEAST_WIND_M_S = 0.5  # below which the cups of an anemometer do not turn
 OTHER_UNITS = {"feet, not metres": 0.3048, "metres, not feet": 1 / 0.3048, "decimetres, not metres": 0.1}
 
 
@@ -52,6 +53,8 @@ class Controller:
         How long the rope's length is taken to stay after the last reading.
     clock_from : str
         What states the clock.
+    wind : ndarray, shape (n,), or None
+        Its speed, m/s; without NaN.
     """
 
     time: Array
@@ -65,6 +68,7 @@ class Controller:
     notes: tuple[str, ...] = ()
     hold_s: float = 0.0
     clock_from: str = "its description"
+    wind: Array | None = None
 
     @property
     def reports_motion(self) -> bool:
@@ -82,6 +86,11 @@ class Controller:
         (first, last), period = self.time[[0, -1]], float(np.median(np.diff(self.time)))
         near = (time > first - period) & (time <= last + max(self.hold_s, period))
         return np.interp(np.where(near, np.clip(time, first, last), time), self.time, self.rope, np.nan, np.nan)
+
+    def wind_m_s(self, time: Array) -> float:
+        """Root mean square of the wind at times (m,), m/s, but no less than an anemometer shows."""
+        assert self.wind is not None
+        return max(float(np.sqrt(np.mean(np.interp(time, self.time, self.wind) ** 2))), LEAST_WIND_M_S)
 
     def shifted(self, clock: ClockOffset) -> Controller:
         """Apply the offset of the clock."""

@@ -32,14 +32,15 @@ UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
     "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048,
     "deg": math.pi / 180, "rad": 1.0,
+    "m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704,
 }  # fmt: skip
-LENGTHS, ANGLES = ("m", "dm", "cm", "mm", "ft"), ("deg", "rad")
+LENGTHS, ANGLES, SPEEDS = ("m", "dm", "cm", "mm", "ft"), ("deg", "rad"), ("m/s", "km/h", "kn", "mph")
 LONGEST_M = 200.0
 _USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
 # Lowest and highest value and the greatest speed of any such crane, with much to spare, and the unit.
 _LIMITS = {
     "slew": (-1e5, 1e5, 0.5, "rad"), "radius": (0.0, LONGEST_M, 2.0, "m"), "luff": (-0.2, 1.6, 0.2, "rad"),
-    "rope": (0.0, LONGEST_M, 3.0, "m"),
+    "rope": (0.0, LONGEST_M, 3.0, "m"), "wind": (-1.0, 80.0, 30.0, "m/s"),
 }  # fmt: skip
 _MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
 DAY_S = 86_400.0
@@ -144,6 +145,12 @@ class RopeLength(Quantity, frozen=True, kw_only=True):
     constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] | None = None
 
 
+class Wind(Quantity, frozen=True, kw_only=True):
+    """Speed of the wind, by the crane's anemometer."""
+
+    unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
+
+
 class ControllerFacts(Checked, frozen=True, kw_only=True):
     """Description of a controller's data: at least one quantity, and radius or luff, not both.
 
@@ -154,6 +161,7 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     radius : Radius or None
     luff : Luff or None
     rope : RopeLength or None
+    wind : Wind or None
     longest_gap_s : float
         Readings further apart are not joined.
     """
@@ -165,18 +173,19 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     radius: Radius | None = None
     luff: Luff | None = None
     rope: RopeLength | None = None
+    wind: Wind | None = None
     longest_gap_s: Annotated[float, Meta(gt=0, le=60)] = 2.0
 
     def check(self) -> None:  # noqa: D102
-        if not any((self.slew, self.radius, self.luff, self.rope)):
-            raise ValueError("at least one of the tables slew, radius, luff and rope is needed")
+        if not self.quantities:
+            raise ValueError("at least one of the tables slew, radius, luff, rope and wind is needed")
         if self.radius and self.luff:
             raise ValueError("luff: leave it out, or radius, which follows from it")
 
     @property
     def quantities(self) -> list[Quantity]:
         """Those that are described."""
-        return [one for one in (self.slew, self.radius, self.luff, self.rope) if one is not None]
+        return [one for one in (self.slew, self.radius, self.luff, self.rope, self.wind) if one is not None]
 
     @staticmethod
     def file_of(quantity: Quantity, path: Path) -> Path:
@@ -226,7 +235,7 @@ def read_controller(
     notes: list[str] = []
     files: dict[Path, _Rows] = {}
     series: dict[str, tuple[Array, Array, float]] = {}
-    for name in ("slew", "radius", "luff", "rope"):
+    for name in ("slew", "radius", "luff", "rope", "wind"):
         quantity = getattr(facts, name)
         if quantity is None:
             continue
@@ -242,9 +251,12 @@ def read_controller(
     grid = max((time for time, _, _ in series.values()), key=len)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
-    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope")) | dict.fromkeys(
+    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope", "wind")) | dict.fromkeys(
         ("slew_sd", "radius_sd", "rope_sd"), 0.0
     )
+    if "wind" in series:  # its mean changes slowly, so that gaps do not matter
+        time, values, _ = series.pop("wind")
+        found["wind"] = np.interp(grid, time, values)
     for name, (time, values, sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
@@ -429,7 +441,8 @@ def _increasing(time: Array) -> NDArray[np.int64]:
 
 def _hint(name: str, raw: Array) -> str:
     """Suggest the units in which readings (n,) would be plausible."""
-    units, low, high = (ANGLES, *_LIMITS[name][:2]) if name in ("slew", "luff") else (LENGTHS, *_USUAL_M)
+    low, high = _LIMITS[name][:2] if name in ("slew", "luff", "wind") else _USUAL_M
+    units = {"slew": ANGLES, "luff": ANGLES, "wind": SPEEDS}.get(name, LENGTHS)
     middle = float(np.median(raw)) if len(raw) else math.nan
     fitting = [unit for unit in units if low < middle * UNITS[unit] < high]
     return f"; {middle:g} would be plausible in {' or '.join(fitting)}: see {name}.unit" if fitting else ""

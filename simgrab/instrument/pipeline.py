@@ -24,7 +24,7 @@ from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
 from simgrab.instrument.estimate.doubts import doubt
 from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.estimate.intervals import WORKING, IntervalSettings
-from simgrab.instrument.estimate.measure import by_swing, informed
+from simgrab.instrument.estimate.measure import by_swing, in_wind, informed
 from simgrab.instrument.estimate.tables import PixelRecord
 from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import Forecaster
@@ -220,7 +220,7 @@ class Pipeline:
             controller = controller.shifted(clock)
             ropes = _with_lengths(ropes, controller, time)
         record, estimate, tilt, why = angles.arrays(observations, ropes), None, self.tilt, ""
-        estimator = informed(self.chosen(calibration), controller, record.pixel_sd)
+        estimator = informed(self.chosen(calibration), controller, record.pixel_sd, record.time)
         if tilt is None:
             if self.calibrate_s is not None and record.time is None:
                 raise RunError("independent frames have no first part to calibrate on")
@@ -276,7 +276,9 @@ class Pipeline:
                 old = sum(_time(s) < at - KEPT_S for s in observations)
                 del observations[:old], lengths[:old]
                 if estimated:
-                    found = angles.calibrate(_whole(observations, lengths), calibration, estimator)
+                    whole = _whole(observations, lengths)
+                    windy = estimator if whole.time is None else in_wind(estimator, controller, whole.time)
+                    found = angles.calibrate(whole, calibration, windy)
                     tilt = known(found) if found.ok else tilt
             newest = angles.arrays(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
             alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""

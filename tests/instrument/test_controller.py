@@ -94,6 +94,35 @@ def test_one_crane_is_read_from_any_units(
     assert found.notes == ()
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("m/s", 1), ("km/h", 3.6), ("kn", 3600 / 1852), ("mph", 3600 / 1609.344)])
+def test_the_wind_is_its_mean_while_there_are_frames(tmp_path, unit, factor):
+    """One reading a minute, of 3 m/s and later of 12 m/s."""
+    columns = {"t": np.arange(0, 3600, 60.0), "v": factor * np.where(np.arange(60) < 30, 3.0, 12.0)}
+    wind = {"column": "v", "unit": unit, "resolution": 0.1, "rate_hz": 1 / 60}
+    found = read_controller(written(tmp_path, columns, {"time": {"column": "t"}, "wind": wind}))
+    assert found.wind_m_s(np.arange(0, 600, 0.1)) == pytest.approx(3)
+    assert found.wind_m_s(np.arange(3000, 3600, 0.1)) == pytest.approx(12)
+    assert not found.reports_motion
+    calm = dataclasses.replace(found, wind=0 * found.wind)
+    assert 0 < calm.wind_m_s(found.time) < 1  # it is known to be little, not unknown
+
+
+def test_a_reported_wind_is_a_stated_one():
+    crane = swinging.record(frames=450)
+    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, wind=np.full(450, 9.0))
+
+    def pipeline(wind_m_s, controller):
+        intervals = dataclasses.replace(rooms.WORKING, wind_m_s=wind_m_s)
+        return Pipeline(nobody, nobody, RopeAware(intervals=intervals), controller=controller)
+
+    silent = dataclasses.replace(data, wind=None)
+    cases = [(0.0, data), (9.0, silent), (9.0, dataclasses.replace(data, wind=np.full(450, 2.0))), (0.0, silent)]
+    found = [pipeline(*case).conclude(crane.observations(1.0), crane.calibration) for case in cases]
+    reported, stated, both, unknown = (each.measurements[100].alpha_high for each in found)
+    assert reported == stated == both > unknown
+    assert found[0].estimator.intervals.wind_m_s == 9.0
+
+
 def test_series_of_other_rates_and_gaps_are_put_together(tmp_path):
     """The rope in a file of its own at 2 Hz, and silent from 20 to 30 s; slewing at 10 Hz, silent from 40 to 45 s."""
     some = np.flatnonzero((TIME < 20) | (TIME > 30))[::5]
@@ -165,6 +194,10 @@ REFUSED = {
         "600 of 600 readings refused, the first in row 1: not between 0 and 200 m; 1722.11 would be plausible in cm:",
     ),
     "radians for degrees": (lambda c: c, {"slew": quantity("slew", "rad")}, None, "is slew.unit right?"),
+    "kilometres an hour": (
+        column("rope", lambda _c: ["90"] * 600), {"wind": quantity("rope", "m/s")}, None,
+        "not between -1 and 80 m/s; 90 would be plausible in km/h or kn or mph: see wind.unit",
+    ),
     "milliseconds for seconds": (column("t", lambda _c: texts(1000 * TIME)), {}, None, "is time.unit right?"),
     "words alone": (column("rope", lambda c: ["on"] * len(c)), {}, None, "600 of 600 readings refused"),
     "a clock that runs back": (column("t", lambda c: c[::-1]), {}, None, "599 of 600 readings refused"),

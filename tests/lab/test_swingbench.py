@@ -394,7 +394,8 @@ def test_a_sensor_that_cannot_be_used_is_a_status_and_a_reason(sensed, tmp_path,
     edit(lines)
     file.write_text("".join(f"{line}\n" for line in lines))
     commit(sensed, "a")
-    entry.run(sensed, tmp_path / "e", Pipeline(Middle(), Middle()), "picture+rope+imu")
+    refused = entry.run(sensed, tmp_path / "e", Pipeline(Middle(), Middle()), "picture+rope+imu")
+    assert words in refused["a"]
     found = entry.read(tmp_path / "e", published(sensed))
     assert set(found.clips["a"].status) == {"refused"}
     assert words in found.about.reasons["a"]

@@ -309,6 +309,10 @@ def test_a_controller_stamps_late_and_loses_stretches():
     course = Work(scenario, 0).sample(read["exact"].true("time [s]"))
     near(read["exact"].true("slew [deg]"), np.degrees(course.slew), atol=1e-12)
     near(read["exact"].true("radius [m]"), scenario.swing.radius_m + course.luffed, atol=1e-12)
+    wind = read["exact"].true("wind [m/s]")
+    mean = scenario.swing.wind.mean_m_s
+    assert 0.8 * mean < wind.mean() < 1.2 * mean
+    assert 0 < np.std(read["exact"].values[:, 3] / wind) < 0.05
     near(read["exact"].values[:, 1] * 100, np.round(read["exact"].values[:, 1] * 100), atol=1e-6)
     time = read["loses"].true("time [s]")
     piece = (time / 0.7).astype(int)

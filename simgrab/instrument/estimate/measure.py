@@ -146,7 +146,7 @@ def measure(
     clock: ClockOffset | None = None
     if controller is not None:
         record, controller, clock = _on_its_clock(record, controller)
-    kind = informed(kind, controller, record.pixel_sd)
+    kind = informed(kind, controller, record.pixel_sd, record.time)
     present = int(np.isfinite(record.pixels).all(axis=-1).sum())
     if present < kind.parameters:
         raise RecordError(
@@ -188,9 +188,17 @@ def by_swing(controller: Controller | None, estimator: Estimator, estimate: Esti
     return moved if np.nanmax(change) > LEAST_CHANGE_M else None
 
 
-def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Array) -> Estimator:
-    """Give an estimator that uses them the controller's report of the jib's motion, and the detector's deviation."""
+def in_wind(estimator: Estimator, controller: Controller | None, time: Array) -> Estimator:
+    """Give an estimator the wind that a controller reports at times (m,), unless one was stated."""
+    if controller is None or controller.wind is None or estimator.intervals.wind_m_s:
+        return estimator
+    return replace(estimator, intervals=replace(estimator.intervals, wind_m_s=controller.wind_m_s(time)))
+
+
+def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Array, time: Array | None) -> Estimator:
+    """Give an estimator what it uses: the controller's report of jib and wind, and the detector's deviation."""
     stated, given = pixel_sd[pixel_sd > 0], dict[str, Any]()
+    estimator = estimator if time is None else in_wind(estimator, controller, time)
     if controller is not None and controller.reports_motion:
         given["controller"] = controller
     if len(stated):

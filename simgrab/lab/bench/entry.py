@@ -118,7 +118,7 @@ class Entry:
 def run(
     folder: Path, out: Path, instrument: Instrument, track: str, *, method: str = "",
     progress: Callable[[int, int], None] | None = None,
-) -> None:  # fmt: skip
+) -> dict[str, str]:  # fmt: skip
     """Let an instrument measure a season's clips, and write an entry.
 
     It is given videos, camera files, and the folders of the sensors that the track allows. In tracks without the rope
@@ -139,6 +139,11 @@ def run(
     progress : callable, optional
         Called with (clips done, clips in all).
 
+    Returns
+    -------
+    dict
+        Why, by clips of which no frame has an angle.
+
     Raises
     ------
     BenchError, SourceError, CalibrationError, InstrumentError, RunError
@@ -154,7 +159,7 @@ def run(
         instrument.check_inputs(sensors, display=display)
     except RunError as problem:
         raise BenchError(f"track {track}: {problem}") from None
-    files, reasons = dict[str, str](), dict[str, str]()
+    files, reasons, empty = dict[str, str](), dict[str, str](), dict[str, str]()
     for count, (name, frames) in enumerate(season.clips.items(), 1):
         video = folder / CLIPS / f"{name}.mp4"
         camera = calibration.load(video.with_suffix(".camera.toml"))
@@ -172,6 +177,8 @@ def run(
         files[f"{name}.csv"] = written(name, measurements, each)
         if without := Counter(m.reason for m in measurements if m.status != "ok"):
             reasons[name] = shortened(without.most_common(1)[0][0])
+            if without.total() == len(measurements):
+                empty[name] = reasons[name]
         if progress:
             progress(count, len(season.clips))
     about = msgspec.structs.replace(about, reasons=reasons)
@@ -181,6 +188,7 @@ def run(
         for file, text in files.items():
             write(draft / file, text.encode())
         write(draft / ABOUT, json.dumps(msgspec.to_builtins(about), indent=1).encode() + b"\n")
+    return empty
 
 
 def written(clip: str, measurements: Sequence[Measurement], seconds: float) -> str:

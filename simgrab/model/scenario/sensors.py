@@ -160,7 +160,7 @@ class HoistEncoder(Clocked, frozen=True, tag="hoist-encoder"):
 
 
 class Controller(Clocked, frozen=True, tag="controller"):
-    """The crane's controller: slewing angle, radius and rope length |OA| together, as `simgrab run --plc` reads them.
+    """The crane's controller: slewing angle, radius, rope length |OA| and speed of the wind, for `simgrab run --plc`.
 
     A row states the values of ``lag_s`` before its time stamp, on average.
     """
@@ -177,6 +177,8 @@ class Controller(Clocked, frozen=True, tag="controller"):
     rope_resolution_m: LengthCount = 0.01
     rope_zero_error_m: ZeroError = 0.05
     rope_scale_error: Scale = 0.001
+    wind_resolution_m_s: LengthCount = 0.1
+    wind_scale_error: Scale = 0.03
     clock_offset_ms: ClockOffset = 300.0
 
 

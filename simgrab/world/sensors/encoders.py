@@ -1,4 +1,4 @@
-"""The crane's encoders of slewing angle, radius and rope length, and the controller that reports all three."""
+"""The crane's encoders of slewing angle, radius and rope length, and the controller that reports them and the wind."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from simgrab.world.sensors.errors import Open, SensorClock, SensorErrors
 from simgrab.world.sensors.motion import Motion
 
 COLUMNS = {SlewEncoder: "slew [deg]", LuffEncoder: "radius [m]", HoistEncoder: "rope_length [m]"}
+WIND = "wind [m/s]"
 
 
 class EncoderDevice(Device):
@@ -41,9 +42,9 @@ class EncoderDevice(Device):
 
 
 class ControllerDevice(Device):
-    """Slewing angle, radius and rope length, stamped late, with losses."""
+    """Slewing angle, radius, rope length and wind, stamped late, with losses."""
 
-    columns = tuple(COLUMNS.values())
+    columns = (*COLUMNS.values(), WIND)
     truth_columns = ("time [s]", *columns)
 
     def __init__(self, sensor: Controller, setting: Setting) -> None:
@@ -62,6 +63,7 @@ class ControllerDevice(Device):
                 1, of("rope"), bias=sensor.rope_zero_error_m, scale_error=sensor.rope_scale_error,
                 resolution=sensor.rope_resolution_m,
             ),
+            SensorErrors(1, of("wind"), scale_error=sensor.wind_scale_error, resolution=sensor.wind_resolution_m_s),
         )  # fmt: skip
 
     def rows(self, motion: Motion) -> SensorRows:
@@ -71,7 +73,7 @@ class ControllerDevice(Device):
         return replace(found, stamp_ns=found.stamp_ns + np.round(late * 1e9).astype(np.int64))
 
     def _read(self, motion: Motion) -> tuple[Array, Array]:
-        true = np.column_stack([np.degrees(motion.slew), motion.radius, motion.rope])
+        true = np.column_stack([np.degrees(motion.slew), motion.radius, motion.rope, np.hypot(*motion.wind.T)])
         values = np.column_stack([each.read(true[:, [k]])[0] for k, each in enumerate(self._errors)])
         piece = (motion.time / self._sensor.dropout_s).astype(np.int64)
         more = int(piece.max(initial=-1)) + 1 - len(self._lost)

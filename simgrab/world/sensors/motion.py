@@ -60,6 +60,8 @@ class Motion:
         |OT|.
     gravity : ndarray, shape (n, 3)
         Less the acceleration of O.
+    wind : ndarray, shape (n, 2)
+        Velocity of the air, m/s.
     slew, slew_rate, slew_acceleration : ndarray, shape (n,)
         Slewing angle, rate and acceleration of the jib.
     radius, luffed : ndarray, shape (n,)
@@ -86,6 +88,7 @@ class Motion:
     rope_acceleration: Array
     length: Array
     gravity: Array
+    wind: Array
     slew: Array
     slew_rate: Array
     slew_acceleration: Array
@@ -180,7 +183,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
             shake, shake_rate = _between(_padded(before, block, after), which, late / interval)
             shake_rate = shake_rate / interval
             yield Motion(
-                time=time, **fields, waves=waves, gravity=block.gravity[which],
+                time=time, **fields, waves=waves, gravity=block.gravity[which], wind=block.wind[which],
                 slew=sampled.slew, slew_rate=sampled.slew_rate,
                 slew_acceleration=work.slew_acceleration(time + course.warm_up_s),
                 radius=scenario.swing.radius_m + sampled.luffed, luffed=sampled.luffed,
