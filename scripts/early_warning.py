@@ -4,8 +4,9 @@
 
 Clips of five minutes: ordinary working cycles, and work that slews hard. The instrument gets the true direction OA with
 1.3 px of noise at 9 frames/s, a tilt that errs by 0.13° per axis, as one from a calm recording does, and a rope length
-that lags by 0.5 s. The controller's data are 0.2 s old and err by 0.05 m/s². Forecasts are made three times a second.
-Thresholds are fitted to the budget on every second ordinary clip, and applied to all others. Trajectories are kept.
+that lags by 0.5 s. The controller states slew angle in steps of 0.1° and radius in steps of 1 cm, ten times a second
+and 0.2 s late. Forecasts are made three times a second. Thresholds are fitted to the budget on every second ordinary
+clip, and applied to all others. Trajectories are kept.
 """
 
 from __future__ import annotations
@@ -21,10 +22,12 @@ import click
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from simgrab.instrument import alarm
 from simgrab.instrument.alarm import WARNING
 from simgrab.instrument.contract import Measurement
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.forecast import Forecaster, forecast
 from simgrab.judge.evaluate import warnings
 from simgrab.judge.evaluate.swings import SURELY, true_events
@@ -35,6 +38,7 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 FRAMES, EVERY, FROM = 2700, 3, 45  # of a clip; a forecast every third; the first one
 AT_ONCE = 10  # clips in a process
+STEPS, LATE_S = (np.radians(0.1), 0.01), 0.2  # of the controller's slew angle and radius; age of its readings
 NOISE, TILT = 1.3 / 1644.82, np.radians(0.13)
 HARD = {"swing.work.slew_rpm": 1.2, "swing.work.operator": 0.75, "swing.work.slew_deg": -90.0}  # ramps of 6 s
 WORLDS: dict[str, tuple[str, Mapping[str, Any]]] = {
@@ -62,7 +66,7 @@ def simulate(folder: Path, job: tuple[str, int]) -> None:
     columns = {
         "time": [m.time for m in moments], "alpha": [m.grab.alpha for m in moments],
         "azimuth": [m.grab.azimuth for m in moments], "rope": [m.grab.rope_length for m in moments],
-        "felt": [m.apparent_gravity for m in moments], "slew": [m.jib.slew for m in moments if m.jib],
+        "jib": [(m.jib.slew, m.jib.radius) for m in moments if m.jib],
     }  # fmt: skip
     draft = path.with_suffix(".part.npz")
     np.savez(draft, **columns)  # type: ignore[arg-type]
@@ -77,9 +81,13 @@ def read(folder: Path, name: str, clip: int) -> Clip:
     found["swing"] = np.sin(found["alpha"])[:, None] * way + rng.normal(0, TILT, 2) + rng.normal(0, NOISE, way.shape)
     found["seen"] = np.arcsin(np.hypot(*found["swing"].T))
     found["length"] = np.interp(time - 0.5, time, found["rope"]).round(2)
-    moving = np.column_stack([-found["felt"][:, :2], np.gradient(found["slew"], time)])
-    moving = moving + rng.normal(0, 1, moving.shape) * (0.05, 0.05, 0.002)
-    found["reported"] = np.stack([np.interp(time - 0.2, time, column) for column in moving.T], axis=-1)
+    at = np.arange(0.0, time[-1], 0.1)
+    slew, radius = (CubicSpline(time, found["jib"])(at) / STEPS).round().T * np.array(STEPS)[:, None]
+    ends = np.searchsorted(at, time - LATE_S, side="right")
+    found["reported"] = np.array([
+        Controller(at[:end], slew[:end], radius[:end], None, 0.0, 0.0, 0.0).motion_at(t)
+        for end, t in zip(ends.tolist(), time.tolist(), strict=True)
+    ])  # fmt: skip
     return found
 
 
@@ -146,7 +154,7 @@ def pooled(clips: list[Clip], measurements: list[list[Measurement]], threshold: 
 def since_ramp(clip: Clip) -> list[float]:
     """Time, s, from the beginning of the last slewing ramp to each event: what no forecast from motion can exceed."""
     time = clip["time"]
-    ramp = np.abs(np.gradient(np.gradient(clip["slew"], time), time)) > np.radians(0.25)
+    ramp = np.abs(np.gradient(np.gradient(clip["jib"][:, 0], time), time)) > np.radians(0.25)
     starts = time[1:][ramp[1:] & ~ramp[:-1]]
     onsets = [e.onset_s for e in true_events(time, clip["alpha"], alarm.Rule()) if e.alpha > SURELY]
     return [float(onset - starts[starts < onset][-1]) for onset in onsets if (starts < onset).any()]

@@ -107,8 +107,9 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
 
 
 def forecasts(
-    forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float
-) -> Forecast | None:
+    forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float,
+    reported: Array | None = None,
+) -> Forecast | None:  # fmt: skip
     """Forecast from each frame and those before it; None for independent frames, NaN until the filter has settled.
 
     Parameters
@@ -123,6 +124,8 @@ def forecasts(
     ends : ndarray, shape (n, 2)
         Its intervals.
     focal_px : float
+    reported : ndarray, shape (3,), optional
+        What a controller reports (`Forecaster.step`), of one frame.
     """
     if record.time is None or not len(alpha):
         return None
@@ -130,8 +133,8 @@ def forecasts(
     sd = record.direction_sd(focal_px)
     rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], strict=True)
     states, settled = [], []
-    for time, *row in rows:
-        states.append(forecaster.step(time, *row))
+    for time, way, noise, rope in rows:
+        states.append(forecaster.step(time, way, noise, rope, None if reported is None else reported[None]))
         settled.append(time >= forecaster.begun + SETTLED_S)
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])
     parts = [slice(i, i + AT_ONCE) for i in range(0, len(states), AT_ONCE)]

@@ -23,6 +23,8 @@ BLOCK_S = 20.0  # within which errors of readings depend on each other
 MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
+RADIUS_M = 25.0  # where no radius is reported
+RECENT_S, LEAST_RECENT = 1.2, 5
 LEAST_WIND_M_S = 0.5  # below which the cups of an anemometer do not turn
 OTHER_UNITS = {"feet, not metres": 0.3048, "metres, not feet": 1 / 0.3048, "decimetres, not metres": 0.1}
 
@@ -87,6 +89,18 @@ class Controller:
         near = (time > first - period) & (time <= last + max(self.hold_s, period))
         return np.interp(np.where(near, np.clip(time, first, last), time), self.time, self.rope, np.nan, np.nan)
 
+    def motion_at(self, time: float) -> Array:
+        """Return what `Forecaster.step` takes of the jib (3,), from the latest readings; NaN if there are too few.
+
+        Acceleration and rates are those of parabolas through readings of `RECENT_S` before ``time``.
+        """
+        some = (self.time > time - RECENT_S) & (self.time <= time)
+        (_, turn, spin), (radius, out, outwards) = (
+            _parabola(self.time[some] - time, quantity[some]) if quantity is not None else rest
+            for quantity, rest in ((self.slew, (0.0, 0.0, 0.0)), (self.radius, (RADIUS_M, 0.0, 0.0)))
+        )
+        return np.array([outwards - radius * turn**2, radius * spin + 2 * out * turn, turn])
+
     def wind_m_s(self, time: Array) -> float:
         """Root mean square of the wind at times (m,), m/s, but no less than an anemometer shows."""
         assert self.wind is not None
@@ -129,6 +143,15 @@ class ClockOffset:
             f"the display's rope length is {self.difference_m:+.2f} m from the controller's, which is used; one of "
             "rope.constant_m in the controller's TOML and display_constant_m in the camera TOML is wrong"
         )
+
+
+def _parabola(time: Array, values: Array) -> tuple[float, float, float]:
+    """Value, slope and curvature at 0 of a parabola through values (n,), NaN if fewer than five are known."""
+    known = np.isfinite(values)
+    if known.sum() < LEAST_RECENT:
+        return math.nan, math.nan, math.nan
+    curve, slope, value = np.polyfit(time[known], values[known], 2).tolist()
+    return value, slope, 2 * curve
 
 
 def in_words(offset_s: float, interval_s: Sequence[float], source: str, by_swing_s: float | None) -> str:

@@ -17,8 +17,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
-from simgrab.instrument.controller import Controller
-from simgrab.instrument.estimate.jib import RADIUS_M
+from simgrab.instrument.controller import RADIUS_M, Controller
 from simgrab.instrument.estimate.tables import decimal_comma, read_texts
 from simgrab.instrument.read import Hoist, consistent
 from simgrab.instrument.rope import bridged

@@ -45,7 +45,7 @@ class State:
     rope, hoist : ndarray, shape (k,)
         |OA|, m, NaN before the first frame; its rate, m/s.
     reported : ndarray, shape (k, 3)
-        Forcing, rad, and turning rate that a controller reports; they add to those of ``mean``.
+        Forcing, rad, and turning rate that a controller reports, which add to those of ``mean``; NaN where it does not.
     """
 
     mean: Array
@@ -59,7 +59,7 @@ class State:
         """Know nothing."""
         shapes = (records, STATE), (records, STATE, STATE), (records,), (records,), (records, STATE - TURN + 2)
         mean, covariance, rope, hoist, reported = map(np.zeros, shapes)
-        return cls(mean, covariance, rope * np.nan, hoist, reported)
+        return cls(mean, covariance, rope * np.nan, hoist, reported * np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ class Forecaster:
             |OA|, m; NaN where it is not known.
         reported : ndarray, shape (k, 3), optional
             What the crane's controller reports: acceleration of O, jib frame, m/s², and slewing rate,
-            counter-clockwise, rad/s.
+            counter-clockwise, rad/s. NaN where it reports nothing.
 
         Returns
         -------
@@ -134,7 +134,7 @@ class Forecaster:
         seen = np.isfinite(swing).all(axis=-1) & np.isfinite(rope)
         self.begun = min(self.begun, time) if seen.any() else self.begun
         first = np.isnan(last.rope)
-        forced = last.reported
+        forced = np.full_like(last.reported, np.nan)
         if reported is not None:
             forced = np.column_stack([-reported[:, :2] / GRAVITY, reported[:, 2]])
         mean, covariance, hoist = last.mean, last.covariance, last.hoist
@@ -193,7 +193,7 @@ def forecast(state: State, tilt_sd: Array) -> Forecast:
     drawn = np.concatenate([half, -half])
     draws, of_tilt = drawn[:, :-1].reshape(PATHS, steps + 1, STATE), drawn[:, -1]
     x = state.mean[:, None] + draws[:, 0] @ np.linalg.cholesky(state.covariance + 1e-14 * np.eye(STATE)).mT
-    x[..., 4:] += state.reported[:, None]
+    x[..., 4:] += np.nan_to_num(state.reported)[:, None]
     x = np.where(known[:, None, None], x, 0.0).reshape(-1, STATE)
     ahead = np.linspace(0, HORIZON_S, steps + 1)
     rope = np.where(known, state.rope, LENGTH)[:, None]
@@ -226,7 +226,8 @@ def _predicted(mean: Array, covariance: Array, forced: Array, ropes: Array, seco
     """Mean and covariance after the steps between rope lengths (parts + 1, k)."""
     h = np.full(ropes.shape[1], seconds / (len(ropes) - 1))
     changes = np.concatenate([np.zeros((1, STATE)), 1e-6 * np.eye(STATE), -1e-6 * np.eye(STATE)])
-    unknown = REPORTED if forced.any() else 1.0
+    unknown = np.where(np.isnan(forced).any(axis=-1), 1.0, REPORTED)
+    forced = np.nan_to_num(forced)
     for before, after in itertools.pairwise(ropes):
         links = Links(h, before, after, LENGTH)
         x = mean.copy()
@@ -240,9 +241,9 @@ def _predicted(mean: Array, covariance: Array, forced: Array, ropes: Array, seco
     return mean, covariance
 
 
-def _noise(links: Links, unknown: float = 1.0) -> Array:
-    """Covariance (k, 7, 7) that a step adds."""
-    slow = links.slow * unknown**2
+def _noise(links: Links, unknown: Array | float = 1.0) -> Array:
+    """Covariance (k, 7, 7) that a step adds; of the slow forcing a share (k,) is unknown."""
+    slow = links.slow * np.reshape(unknown, (-1, 1, 1)) ** 2
     added = pendulum.of_axes(links.fast * FAST, 0, STATE) + pendulum.of_axes(slow * SLOW**2, 4, STATE)
     added[:, TURN, TURN] = slow[:, 0, 0] * TURNING**2
     return added

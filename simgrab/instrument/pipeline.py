@@ -45,6 +45,7 @@ WITH_MOTION, WITH_ROPE, WITHOUT = "pendulum-smoother", "rope-aware", DEFAULT
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
 KEPT_S = 1200.0  # of a live record
+SURE_S = 0.5  # standard deviation of a clock up to which its report of the jib's motion helps a forecast
 IMU, PLC = "imu0", "plc"  # among sensors: in the camera's housing, and the crane's controller
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
@@ -293,7 +294,10 @@ class Pipeline:
                     by = swing - angles.by_tilt(newest, before, calibration)[2]
                     forecaster.shift(by)
                     watch.shift(by)
-            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px)
+            reported = None
+            if controller is not None and controller.reports_motion and (self.feed or controller.clock_sd_s <= SURE_S):
+                reported = controller.motion_at(at)
+            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px, reported)
             (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s)
             watch.frame(frame, measured)
             if self.feed is not None:

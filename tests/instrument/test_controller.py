@@ -107,6 +107,21 @@ def test_the_wind_is_its_mean_while_there_are_frames(tmp_path, unit, factor):
     assert 0 < calm.wind_m_s(found.time) < 1  # it is known to be little, not unknown
 
 
+def test_the_jibs_motion_is_that_of_the_latest_readings():
+    """Uniform acceleration of both angle and radius."""
+    slew, radius = 0.2 * TIME + 0.01 * TIME**2, 20 + 0.3 * TIME - 0.002 * TIME**2
+    data, at = Controller(TIME, slew, radius, None, 0.0, 0.0, 0.0), 30.03
+    turn, out, r = 0.2 + 0.02 * at, 0.3 - 0.004 * at, 20 + 0.3 * at - 0.002 * at**2
+    expected = [-0.004 - r * turn**2, r * 0.02 + 2 * out * turn, turn]
+    np.testing.assert_allclose(data.motion_at(at), expected, rtol=1e-6)
+    alone = dataclasses.replace(data, radius=None).motion_at(at)
+    np.testing.assert_allclose(alone, [-25 * turn**2, 25 * 0.02, turn], rtol=1e-6)
+    later = dataclasses.replace(data, slew=np.where(at < TIME, 99.0, slew))  # what is not yet known
+    np.testing.assert_array_equal(later.motion_at(at), data.motion_at(at))
+    assert np.isnan(data.motion_at(TIME[-1] + 1.0)).all()
+    assert np.isnan(data.motion_at(0.3)).all()
+
+
 def test_a_reported_wind_is_a_stated_one():
     crane = swinging.record(frames=450)
     data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, wind=np.full(450, 9.0))

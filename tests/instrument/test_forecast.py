@@ -60,6 +60,9 @@ def test_a_pivot_that_accelerates_as_the_controller_reports_is_foreseen():
     swing = np.exp(-t / MEMORY_S) - np.cos(w * t) + np.sin(w * t) / (w * MEMORY_S)
     swing *= 0.8 / GRAVITY / (1 + 1 / (w * MEMORY_S) ** 2)
     found = forecast(still, np.zeros(1))
+    silent = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), np.full((1, 3), np.nan))
+    unknown = State(silent.mean, 1e-12 * silent.covariance, silent.rope, silent.hoist, silent.reported)
+    assert forecast(unknown, np.zeros(1)).peak < 1e-4
     assert found.peak == pytest.approx([swing.max()], rel=0.05)
     assert found.peak_in_s == pytest.approx([t[swing.argmax()]], rel=0.05)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from simgrab.errors import CalibrationError, RecordError, RunError
 from simgrab.instrument import pipeline as rooms
@@ -16,12 +17,15 @@ from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import ESTIMATORS, IntervalSettings, MeanRay, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.follow import Known, follow, known, load
 from simgrab.instrument.estimate.intervals import WORKING
+from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, rope
 from simgrab.instrument.run.subject import open_instrument
+from simgrab.model import scenes
 from simgrab.model.calibration import Calibration
 from simgrab.model.records.observations import Detection, Reading
+from simgrab.world.trajectory.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import swinging
@@ -226,6 +230,37 @@ def test_a_live_record_takes_the_controllers_rope(crane):
     live = list(Pipeline(Scripted(few), None, controller=data).live(frames_of(few), camera))
     np.testing.assert_allclose([one.measurement.rope_length_m for one in live], crane.rope[:200])
     assert live[-1].tilt.estimator == "rope-aware"
+
+
+@pytest.mark.parametrize("clock_sd_s", [0.1, 5.0])
+def test_a_live_record_uses_the_motion_and_the_wind_that_the_controller_reports(crane, monkeypatch, clock_sd_s):
+    """Its motion if its clock is known well enough, its wind always."""
+    reports, step = [], Forecaster.step
+
+    def watched(self, time, swing, sd, rope, reported=None):
+        if reported is not None:
+            reports.append(reported[0])
+        return step(self, time, swing, sd, rope, reported)
+
+    monkeypatch.setattr(Forecaster, "step", watched)
+    few, at = crane.observations(1.0)[:300], np.arange(0, 60, 0.1)
+    slew, radius = CubicSpline(crane.time, crane.jib)(at).T
+    data = Controller(at, slew, radius, None, 0.0, 0.0, 0.0, clock_sd_s=clock_sd_s)
+
+    def last(data):
+        return list(Pipeline(Scripted(few), Scripted(few), controller=data).live(frames_of(few), crane.calibration))[-1]
+
+    calm, windy = (last(dataclasses.replace(data, wind=np.full(len(at), v))).tilt.covariance[0][0] for v in (1.0, 12.0))
+    lean = [IntervalSettings(wind_m_s=v).lean_variance for v in (1.0, 12.0)]
+    assert windy - calm == pytest.approx(lean[1] - lean[0], rel=0.01)
+    assert len(reports) == (0 if clock_sd_s > 1 else 2 * len(few))
+    if not reports:
+        return
+    found = np.array(reports[5:300])
+    true = Trajectory(scenes.load("work-cycles", {"camera.mount": {"model": "fixed"}}))
+    felt = np.array([true.at(i).apparent_gravity[:2] for i in range(5, 300)])
+    assert np.sqrt(np.mean((found[:, :2] + felt) ** 2)) < 0.2 * np.abs(felt).max()
+    np.testing.assert_allclose(found[:, 2], np.gradient(crane.jib[:, 0], crane.time)[5:300], atol=0.02)
 
 
 def test_a_live_record_carries_what_is_lost(crane):

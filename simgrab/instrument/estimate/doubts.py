@@ -7,9 +7,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from simgrab.instrument.controller import Controller
+from simgrab.instrument.controller import RADIUS_M, Controller
 from simgrab.instrument.estimate import Estimator
-from simgrab.instrument.estimate.jib import RADIUS_M
 from simgrab.instrument.estimate.pendulum_smoother import NOT_CONVERGED, PendulumSmoother
 from simgrab.instrument.estimate.tables import PixelRecord
 from simgrab.model.calibration import Calibration

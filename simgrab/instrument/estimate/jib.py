@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from scipy.interpolate import CubicSpline
 
-from simgrab.instrument.controller import Controller
+from simgrab.instrument.controller import RADIUS_M, Controller
 from simgrab.instrument.estimate.chain import Quadratic, linear, prior
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
 
@@ -22,7 +22,6 @@ STEP_S = 0.05  # of the grid on which the motion is described; of several readin
 REST_S = 10.0  # in which a jib without readings comes to rest
 SPEED = 2.0  # m/s, of luffing and of the jib head as it slews
 ROUNDS = 7
-RADIUS_M = 25.0  # where no radius is reported
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
 
 
