@@ -129,6 +129,15 @@ def test_the_detector_combines_its_nets(tmp_path):
     assert GrabDetector(tmp_path).settings == Settings(least_heat=0.2)
 
 
+@pytest.mark.parametrize(("presence", "tried"), [(3.0, 1), (1.0, 2)])
+def test_the_search_ends_at_a_candidate_that_is_clearly_the_grab(presence, tried, tmp_path, monkeypatch):
+    made, seen = GrabDetector(hand_made(tmp_path, presence=presence)), []
+    run = made.poses
+    monkeypatch.setattr(made, "poses", lambda *args: seen.append(args) or run(*args))
+    assert made(np.maximum(bright(), bright(at=(1220, 760)))).found
+    assert len(seen) == tried + 1
+
+
 @pytest.mark.parametrize(("factor", "stated"), [(22.0, True), (23.0, False)])
 def test_a_yaw_whose_interval_holds_every_direction_is_not_stated(factor, stated, tmp_path):
     sd = factor * np.sqrt(2) * np.exp(-3) / 2
