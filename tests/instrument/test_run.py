@@ -1,5 +1,6 @@
 """`simgrab run` from end to end: a rendered clip, a detector that is told the labels, the bundled reader."""
 
+import dataclasses
 import itertools
 import json
 import re
@@ -130,6 +131,10 @@ def test_published_stands_beside_measured(found):
     assert facts["frames"] == "45"
     assert facts["rope lengths read"].split()[2] == str(45 - result.about["counts"]["lost"])
     assert facts["95 % intervals by"] == "frames that are 0.6 s apart"
+    assert facts["early warnings"] == "0"
+    none = [msgspec.structs.replace(m, warning=None) for m in result.measurements]
+    silent = dict(held(dataclasses.replace(result, measurements=none)))
+    assert silent["early warnings"].startswith("none: they need rope lengths")
 
 
 def test_a_live_run_writes_the_same_files(clip, tmp_path):

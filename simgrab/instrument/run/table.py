@@ -99,6 +99,8 @@ def held(run: Run) -> list[tuple[str, str]]:
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
     if any(m.warning is not None for m in run.measurements):
         rows.append(("early warnings", str(len(run.about["warnings"]))))
+    elif run.time is not None and estimate is not None and estimate["status"] == "ok":
+        rows.append(("early warnings", "none: they need rope lengths and, with --imu or slewing by --plc, --live"))
     if "faults" in run.about:
         faults = run.about["faults"]
         rows.append(("faults", str(len(faults))))
