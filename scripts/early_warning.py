@@ -4,9 +4,9 @@
 
 Clips of five minutes: ordinary working cycles, and work that slews hard. The instrument gets the true direction OA with
 1.3 px of noise at 9 frames/s, a tilt that errs by 0.13° per axis, as one from a calm recording does, and a rope length
-that lags by 0.5 s. The controller states slew angle in steps of 0.1° and radius in steps of 1 cm, ten times a second
-and 0.2 s late. Forecasts are made three times a second. Thresholds are fitted to the budget on every second ordinary
-clip, and applied to all others. Trajectories are kept.
+that lags by 0.5 s. The controller states slew angle in steps of 0.1° and radius in steps of 1 cm, ten times a second,
+0.2 s late and with a jitter of 10 ms. Forecasts are made three times a second. Thresholds are fitted to the budget on
+every second ordinary clip, and applied to all others. Trajectories are kept.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from simgrab.instrument import alarm
 from simgrab.instrument.alarm import WARNING
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.controller import Controller
+from simgrab.instrument.controller_feed import KEPT_S
 from simgrab.instrument.forecast import Forecaster, forecast
 from simgrab.judge.evaluate import warnings
 from simgrab.judge.evaluate.swings import SURELY, true_events
@@ -38,7 +39,7 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 FRAMES, EVERY, FROM = 2700, 3, 45  # of a clip; a forecast every third; the first one
 AT_ONCE = 10  # clips in a process
-STEPS, LATE_S = (np.radians(0.1), 0.01), 0.2  # of the controller's slew angle and radius; age of its readings
+STEPS, LATE_S, JITTER_S = (np.radians(0.1), 0.01), 0.2, 0.01  # of slew angle and radius; age of readings
 NOISE, TILT = 1.3 / 1644.82, np.radians(0.13)
 HARD = {"swing.work.slew_rpm": 1.2, "swing.work.operator": 0.75, "swing.work.slew_deg": -90.0}  # ramps of 6 s
 WORLDS: dict[str, tuple[str, Mapping[str, Any]]] = {
@@ -82,11 +83,14 @@ def read(folder: Path, name: str, clip: int) -> Clip:
     found["seen"] = np.arcsin(np.hypot(*found["swing"].T))
     found["length"] = np.interp(time - 0.5, time, found["rope"]).round(2)
     at = np.arange(0.0, time[-1], 0.1)
+    stamps = at + rng.normal(0, JITTER_S, len(at)).clip(-0.045, 0.045)
     slew, radius = (CubicSpline(time, found["jib"])(at) / STEPS).round().T * np.array(STEPS)[:, None]
-    ends = np.searchsorted(at, time - LATE_S, side="right")
+    fast = np.quantile(np.abs(np.diff([slew, radius])), 0.98, axis=1) / 0.1
+    sds = np.hypot(np.array(STEPS) / np.sqrt(12), JITTER_S * fast)
+    begins, ends = (np.searchsorted(at, time - late, side="right") for late in (KEPT_S, LATE_S))
     found["reported"] = np.array([
-        Controller(at[:end], slew[:end], radius[:end], None, 0.0, 0.0, 0.0).motion_at(t)
-        for end, t in zip(ends.tolist(), time.tolist(), strict=True)
+        Controller(stamps[a:b], slew[a:b], radius[a:b], None, sds[0], sds[1], 0.0).jib_motion(t)
+        for a, b, t in zip(begins.tolist(), ends.tolist(), time.tolist(), strict=True)
     ])  # fmt: skip
     return found
 

@@ -124,17 +124,18 @@ def forecasts(
     ends : ndarray, shape (n, 2)
         Its intervals.
     focal_px : float
-    reported : ndarray, shape (3,), optional
-        What a controller reports (`Forecaster.step`), of one frame.
+    reported : ndarray, shape (n, 3), optional
+        As `Controller.jib_motion` gives it.
     """
     if record.time is None or not len(alpha):
         return None
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
     sd = record.direction_sd(focal_px)
-    rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], strict=True)
+    reported = np.full((len(alpha), 3), np.nan) if reported is None else reported
+    rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], reported[:, None], strict=True)
     states, settled = [], []
-    for time, way, noise, rope in rows:
-        states.append(forecaster.step(time, way, noise, rope, None if reported is None else reported[None]))
+    for time, *row in rows:
+        states.append(forecaster.step(time, *row))
         settled.append(time >= forecaster.begun + SETTLED_S)
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])
     parts = [slice(i, i + AT_ONCE) for i in range(0, len(states), AT_ONCE)]

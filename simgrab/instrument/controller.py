@@ -24,8 +24,10 @@ MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
 RADIUS_M = 25.0  # where no radius is reported
-RECENT_S, LEAST_RECENT = 1.2, 5
-LEAST_WIND_M_S = 0.5  # below which the cups of an anemometer do not turn
+SPANS_S = (1.2, 2.0, 3.0)  # of the latest readings
+LEAST_LATEST, OLDEST_S = 5, 0.5
+MOST_ERROR = 0.08  # m/s², standard deviation: a quarter of what a forecast expects of a jib that nobody reports
+LEAST_WIND_M_S = 2.0  # its lean is 0.01°
 OTHER_UNITS = {"feet, not metres": 0.3048, "metres, not feet": 1 / 0.3048, "decimetres, not metres": 0.1}
 
 
@@ -55,8 +57,8 @@ class Controller:
         How long the rope's length is taken to stay after the last reading.
     clock_from : str
         What states the clock.
-    wind : ndarray, shape (n,), or None
-        Its speed, m/s; without NaN.
+    wind : ndarray, shape (m, 2), or None
+        Times, s, and speeds, m/s; without NaN.
     """
 
     time: Array
@@ -89,26 +91,44 @@ class Controller:
         near = (time > first - period) & (time <= last + max(self.hold_s, period))
         return np.interp(np.where(near, np.clip(time, first, last), time), self.time, self.rope, np.nan, np.nan)
 
-    def motion_at(self, time: float) -> Array:
-        """Return what `Forecaster.step` takes of the jib (3,), from the latest readings; NaN if there are too few.
+    def jib_motion(self, time: float) -> Array:
+        """Fit parabolas to the latest slew angles and radii.
 
-        Acceleration and rates are those of parabolas through readings of `RECENT_S` before ``time``.
+        Their span is the shortest of `SPANS_S` in which the readings' deviations leave accelerations an error of at
+        most `MOST_ERROR`.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            At ``time``, acceleration of O outward and counter-clockwise, m/s², and slewing rate, rad/s. NaN if slew or
+            radius is not reported, or readings are too few, too old or too coarse.
         """
-        some = (self.time > time - RECENT_S) & (self.time <= time)
-        (_, turn, spin), (radius, out, outwards) = (
-            _parabola(self.time[some] - time, quantity[some]) if quantity is not None else rest
-            for quantity, rest in ((self.slew, (0.0, 0.0, 0.0)), (self.radius, (RADIUS_M, 0.0, 0.0)))
-        )
-        return np.array([outwards - radius * turn**2, radius * spin + 2 * out * turn, turn])
+        if self.slew is not None and self.radius is not None:
+            known = np.isfinite(self.slew) & np.isfinite(self.radius) & (self.time <= time)
+            for span in SPANS_S:
+                some = known & (self.time > time - span)
+                t = self.time[some] - time
+                if len(t) < LEAST_LATEST or np.ptp(t) < span / 2 or t[-1] < -OLDEST_S:
+                    continue
+                powers = np.vander(t, 3)
+                inverse = np.linalg.inv(powers.T @ powers)
+                fits = inverse @ powers.T @ np.column_stack([self.slew[some], self.radius[some]])
+                (half_turning, turn, _), (half_outward, out, radius) = fits.T.tolist()
+                if 2 * math.sqrt(inverse[0, 0]) * math.hypot(radius * self.slew_sd, self.radius_sd) <= MOST_ERROR:
+                    return np.array(
+                        [2 * half_outward - radius * turn**2, 2 * (radius * half_turning + out * turn), turn]
+                    )
+        return np.full(3, np.nan)
 
     def wind_m_s(self, time: Array) -> float:
-        """Root mean square of the wind at times (m,), m/s, but no less than an anemometer shows."""
+        """Root mean square of the wind at times (m,), m/s, as lean grows with its square, but `LEAST_WIND_M_S`."""
         assert self.wind is not None
-        return max(float(np.sqrt(np.mean(np.interp(time, self.time, self.wind) ** 2))), LEAST_WIND_M_S)
+        return max(float(np.sqrt(np.mean(np.interp(time, *self.wind.T) ** 2))), LEAST_WIND_M_S)
 
     def shifted(self, clock: ClockOffset) -> Controller:
         """Apply the offset of the clock."""
-        return replace(self, time=self.time + clock.offset_s, clock_sd_s=clock.sd_s)
+        wind = None if self.wind is None else self.wind + (clock.offset_s, 0.0)
+        return replace(self, time=self.time + clock.offset_s, clock_sd_s=clock.sd_s, wind=wind)
 
 
 @dataclass(frozen=True)
@@ -143,15 +163,6 @@ class ClockOffset:
             f"the display's rope length is {self.difference_m:+.2f} m from the controller's, which is used; one of "
             "rope.constant_m in the controller's TOML and display_constant_m in the camera TOML is wrong"
         )
-
-
-def _parabola(time: Array, values: Array) -> tuple[float, float, float]:
-    """Value, slope and curvature at 0 of a parabola through values (n,), NaN if fewer than five are known."""
-    known = np.isfinite(values)
-    if known.sum() < LEAST_RECENT:
-        return math.nan, math.nan, math.nan
-    curve, slope, value = np.polyfit(time[known], values[known], 2).tolist()
-    return value, slope, 2 * curve
 
 
 def in_words(offset_s: float, interval_s: Sequence[float], source: str, by_swing_s: float | None) -> str:

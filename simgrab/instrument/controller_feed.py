@@ -9,6 +9,7 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pyarrow as pa
 
 from simgrab.errors import RecordError
@@ -37,6 +38,8 @@ class ControllerFeed:
 
     Attributes
     ----------
+    states_rope, states_motion : bool
+        Whether it holds rope lengths; and slew and radius or luff, as often as anything else.
     problem : str
         Why no readings could be made of the newest rows; empty if they could.
     news : str
@@ -49,8 +52,14 @@ class ControllerFeed:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self._path, self._facts = describe(path)
-        self.states_rope = self._facts.rope is not None
+        self._path, facts = describe(path)
+        if facts.quantities == [facts.wind]:
+            raise RecordError(f"{path}: a live run does not read the wind; state it by --wind-m-s")
+        self._facts = msgspec.structs.replace(facts, wind=None)
+        self.states_rope = facts.rope is not None
+        jib = [one for one in (facts.slew, facts.radius or facts.luff) if one is not None]
+        rate_hz = max(one.rate_hz for one in self._facts.quantities)
+        self.states_motion = len(jib) == 2 and min(one.rate_hz for one in jib) > rate_hz / 2
         self.problem = self.news = ""
         self._controller: Controller | None = None
         self._delays, self._late = deque[float](maxlen=DELAYS), deque[float](maxlen=DELAYS)

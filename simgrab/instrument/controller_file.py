@@ -39,7 +39,7 @@ _USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
 # Lowest and highest value and the greatest speed of any such crane, with much to spare, and the unit.
 _LIMITS = {
     "slew": (-1e5, 1e5, 0.5, "rad"), "radius": (0.0, LONGEST_M, 2.0, "m"), "luff": (-0.2, 1.6, 0.2, "rad"),
-    "rope": (0.0, LONGEST_M, 3.0, "m"), "wind": (-1.0, 80.0, 30.0, "m/s"),
+    "rope": (0.0, LONGEST_M, 3.0, "m"), "wind": (-0.1, 80.0, 30.0, "m/s"),
 }  # fmt: skip
 _MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
 DAY_S = 86_400.0
@@ -247,15 +247,16 @@ def read_controller(
         series["radius" if name == "luff" else name] = _series(files[file], name, quantity, notes)
     if "slew" in series and "radius" not in series:
         notes.append(f"{path}: slew without radius or luff: a radius of {RADIUS_M:g} m is assumed")
-    grid = max((time for time, _, _ in series.values()), key=len)
+    stamps, speed, _ = series.pop("wind", (np.zeros(0), np.zeros(0), 0.0))
+    if len(speed) and not np.ptp(speed):
+        notes.append(f"{path}: wind: the same reading throughout, and not used")
+    grid = max((time for time, _, _ in series.values()), key=len, default=stamps)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
-    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope", "wind")) | dict.fromkeys(
+    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope")) | dict.fromkeys(
         ("slew_sd", "radius_sd", "rope_sd"), 0.0
     )
-    if "wind" in series:  # its mean changes slowly, so that gaps do not matter
-        time, values, _ = series.pop("wind")
-        found["wind"] = np.interp(grid, time, values)
+    found["wind"] = np.column_stack([stamps, speed]) if len(speed) and np.ptp(speed) else None
     for name, (time, values, sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan

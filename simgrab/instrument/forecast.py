@@ -27,7 +27,7 @@ FIXED[pendulum.DAMPING] = 0.005
 FAST = 2e-3  # m²/s³, white acceleration: gusts
 SLOW = 0.03  # rad, forcing that lasts: a jib head that speeds up at 0.3 m/s²
 TURNING = 0.05  # rad/s, standard deviation of a turning rate that nobody reports: 0.5 rpm
-REPORTED = 0.25  # share of both that is left where a controller reports the jib's motion
+REPORTED = 0.5  # share of both that is left where a controller reports the jib's motion
 SWING = 0.07  # rad per axis, standard deviation of the amplitude at first
 HOIST_S = 0.7  # over which the hoist's speed is averaged
 UNSEEN = 1e6  # variance of a place that was not seen
@@ -137,7 +137,9 @@ class Forecaster:
         forced = np.full_like(last.reported, np.nan)
         if reported is not None:
             forced = np.column_stack([-reported[:, :2] / GRAVITY, reported[:, 2]])
-        mean, covariance, hoist = last.mean, last.covariance, last.hoist
+        begins_or_ends = np.isnan(last.reported).any(axis=-1) != np.isnan(forced).any(axis=-1)
+        mean, covariance, hoist = last.mean.copy(), last.covariance, last.hoist
+        mean[begins_or_ends, 4:] += (np.nan_to_num(last.reported) - np.nan_to_num(forced))[begins_or_ends]
         if not first.all():
             before, after = (np.where(first, LENGTH, r) for r in (last.rope, rope))
             hoist = hoist + (1 - np.exp(-seconds / HOIST_S)) * ((after - before) / seconds - hoist)

@@ -45,7 +45,6 @@ WITH_MOTION, WITH_ROPE, WITHOUT = "pendulum-smoother", "rope-aware", DEFAULT
 WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and most of a hoist
 AGAIN_S = 10.0  # between re-estimates of it
 KEPT_S = 1200.0  # of a live record
-SURE_S = 0.5  # standard deviation of a clock up to which its report of the jib's motion helps a forecast
 IMU, PLC = "imu0", "plc"  # among sensors: in the camera's housing, and the crane's controller
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
@@ -221,7 +220,7 @@ class Pipeline:
             controller = controller.shifted(clock)
             ropes = _with_lengths(ropes, controller, time)
         record, estimate, tilt, why = angles.arrays(observations, ropes), None, self.tilt, ""
-        estimator = informed(self.chosen(calibration), controller, record.pixel_sd, record.time)
+        estimator = informed(self.chosen(calibration), controller, record.pixel_sd, self._calibrated(record.time))
         if tilt is None:
             if self.calibrate_s is not None and record.time is None:
                 raise RunError("independent frames have no first part to calibrate on")
@@ -251,6 +250,10 @@ class Pipeline:
         measured = angles.measurements(record, alpha, ends, ahead=ahead_s)
         return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
 
+    def _calibrated(self, time: Array | None) -> Array | None:
+        """Select the times of the frames, of (n,), that the tilt is estimated from."""
+        return time if time is None or self.calibrate_s is None else time[time <= time[0] + self.calibrate_s]
+
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""
         estimator = self.chosen(calibration, live=True)
@@ -278,7 +281,7 @@ class Pipeline:
                 del observations[:old], lengths[:old]
                 if estimated:
                     whole = _whole(observations, lengths)
-                    windy = estimator if whole.time is None else in_wind(estimator, controller, whole.time)
+                    windy = estimator if whole.time is None else in_wind(estimator, self.controller, whole.time)
                     found = angles.calibrate(whole, calibration, windy)
                     tilt = known(found) if found.ok else tilt
             newest = angles.arrays(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
@@ -295,8 +298,8 @@ class Pipeline:
                     forecaster.shift(by)
                     watch.shift(by)
             reported = None
-            if controller is not None and controller.reports_motion and (self.feed or controller.clock_sd_s <= SURE_S):
-                reported = controller.motion_at(at)
+            if controller is not None and self.feed is not None and self.feed.states_motion:
+                reported = controller.jib_motion(at)[None]
             ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px, reported)
             (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s)
             watch.frame(frame, measured)

@@ -129,13 +129,16 @@ def test_the_detector_combines_its_nets(tmp_path):
     assert GrabDetector(tmp_path).settings == Settings(least_heat=0.2)
 
 
-@pytest.mark.parametrize(("presence", "tried"), [(3.0, 1), (1.0, 2)])
+@pytest.mark.parametrize(("presence", "tried"), [(3.0, 1), (-3.0, 2)])
 def test_the_search_ends_at_a_candidate_that_is_clearly_the_grab(presence, tried, tmp_path, monkeypatch):
-    made, seen = GrabDetector(hand_made(tmp_path, presence=presence)), []
-    run = made.poses
-    monkeypatch.setattr(made, "poses", lambda *args: seen.append(args) or run(*args))
-    assert made(np.maximum(bright(), bright(at=(1220, 760)))).found
+    """The hottest one is smaller than another, whose presence is higher."""
+    made, seen = GrabDetector(hand_made(tmp_path, presence=presence, glow=100.0)), []
+    run = made.pose
+    monkeypatch.setattr(made, "pose", lambda *args: seen.append(args) or run(*args))
+    large = bright(at=(1220, 760), half=40) // 255 * 250
+    found = made(np.maximum(bright(), large))
     assert len(seen) == tried + 1
+    np.testing.assert_allclose(found.centre, [700, 400] if tried == 1 else [1220, 760], atol=20)
 
 
 @pytest.mark.parametrize(("factor", "stated"), [(22.0, True), (23.0, False)])
@@ -161,15 +164,15 @@ def test_the_most_present_of_the_hottest_places_counts(tmp_path):
 
 
 def test_either_net_can_doubt_a_grab(tmp_path, monkeypatch):
-    looks, poses = detector(hand_made(tmp_path, calibration={"heat": 1.0})), GrabDetector.poses
+    looks, pose = detector(hand_made(tmp_path, calibration={"heat": 1.0})), GrabDetector.pose
     assert looks(bright()).found
 
-    def doubting(self, picture, boxes, at):
-        found = poses(self, picture, boxes, at)
+    def doubting(self, picture, box, at):
+        found = pose(self, picture, box, at)
         return dataclasses.replace(found, presence=found.presence - 20.0 * (at == looks.settings.close))
 
     with monkeypatch.context() as patched:
-        patched.setattr(GrabDetector, "poses", doubting)
+        patched.setattr(GrabDetector, "pose", doubting)
         assert not looks(bright()).found
     assert not detector(hand_made(tmp_path / "cold", heat=-1.3, presence=1.0, calibration={"heat": 1.0}))(
         bright()

@@ -67,6 +67,20 @@ def test_a_pivot_that_accelerates_as_the_controller_reports_is_foreseen():
     assert found.peak_in_s == pytest.approx([t[swing.argmax()]], rel=0.05)
 
 
+@pytest.mark.parametrize("begins", [True, False])
+def test_the_forcing_is_continuous_where_a_controller_begins_or_ceases_to_report(begins):
+    """Of three records that accelerate alike one is reported throughout, one for a while, and one never."""
+    said, nothing = np.array([0.4, -0.5, 0.05]), np.full(3, np.nan)
+    hanging, forecaster, found = -said[:2] / GRAVITY, Forecaster(3), []
+    for i in range(91):
+        reported = np.array([said, said if (i > 60) == begins else nothing, nothing])
+        state = forecaster.step(i / RATE, np.tile(hanging, (3, 1)), 1e-3, np.full(3, 15.0), reported)
+        found.append(state.mean[:, 4:6] + np.nan_to_num(state.reported[:, :2]))
+    found = np.array(found)
+    np.testing.assert_allclose(found[55:], np.broadcast_to(hanging, found[55:].shape), atol=0.012)
+    np.testing.assert_allclose(found[61, 1], found[60, 1], atol=2e-3)
+
+
 def records(rng, count, seconds, rope):
     """Small swings of the model's own process in one dimension each way, (count, frames, 2), rad."""
     h, w = 1 / (RATE * 4), np.sqrt(GRAVITY / rope)

@@ -3,6 +3,7 @@
 import socket
 import sys
 import threading
+import tomllib
 from pathlib import Path
 
 import msgspec
@@ -146,6 +147,41 @@ def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
     assert 180 < jumped < 180 + 9 * 10
     assert stopped == pytest.approx(300 + 9 * 10, abs=3)
     assert 420 <= again < 430
+
+
+@pytest.mark.parametrize(
+    ("slew", "others", "states"),
+    [
+        ({}, {"radius": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01}}, True),
+        ({}, {"luff": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01, "jib_m": 30.0}}, True),
+        ({}, {}, False),
+        ({"rate_hz": 1.0}, {"radius": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01}}, False),
+    ],
+)
+def test_motion_is_followed_in_slew_and_radius_that_come_as_often_as_anything_else(tmp_path, slew, others, states):
+    path = followed(tmp_path)
+    about = tomllib.loads(path.with_suffix(".toml").read_text())
+    about["slew"] |= slew
+    path.with_suffix(".toml").write_text(tomli_w.dumps(about | others))
+    assert ControllerFeed(path).states_motion == states
+
+
+def test_a_wind_that_comes_seldom_does_not_disturb_what_is_followed(tmp_path):
+    path = followed(tmp_path)
+    about = tomllib.loads(path.with_suffix(".toml").read_text())
+    wind = {"wind": {"column": "wind", "rate_hz": 0.01, "resolution": 0.1}}
+    path.with_suffix(".toml").write_text(tomli_w.dumps(about | wind))
+    path.write_text("t,rope,slew,wind\n")
+    feed = ControllerFeed(path)
+    feed.poll(0.0, 0.0)
+    for i in range(1, 40):
+        with path.open("a") as file:
+            file.write(f"{i / 10},{20 + i / 100},1,\n")
+        reported = feed.poll(i / 10, i / 10)
+    assert reported.rope_at(np.array([3.9]))[0] == pytest.approx(20.39)
+    path.with_suffix(".toml").write_text(tomli_w.dumps({"time": about["time"]} | wind))
+    with pytest.raises(RecordError, match="does not read the wind; state it by --wind-m-s"):
+        ControllerFeed(path)
 
 
 def test_a_file_that_cannot_be_followed_is_refused(tmp_path):

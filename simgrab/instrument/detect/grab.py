@@ -51,7 +51,6 @@ _MAPS: Shapes = (_MAP, (4, *_MAP))
 _ROWS: Shapes = ((16,),)
 _LEAST_SIDE = 8.0  # px of the picture, of a box
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
-CLEAR = 2.0  # logit of a presence that ends the search: a cooler candidate's was higher in 3 of 394 frames, none worse
 MOST_YAW_SD = math.pi / 2 / 1.96  # beyond it the interval of 95 % is a quarter turn each way: every direction
 
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
@@ -73,6 +72,8 @@ class Settings(Checked, frozen=True):
         How many candidates the pose net gets at most.
     rivals : float
         Share of the hottest candidate's heat from which others are candidates too.
+    clear : float
+        Logit of the presence in the first crop above which no further candidate is tried.
     room, close : float
         Side of the pose net's crop, over the box's longer side: of the first, and of the closer one about the result.
     """
@@ -83,6 +84,7 @@ class Settings(Checked, frozen=True):
     least_presence: Share = 0.5
     candidates: Annotated[int, msgspec.Meta(ge=1, le=8)] = 3
     rivals: Share = 0.1
+    clear: Annotated[float, msgspec.Meta(ge=-50, le=50)] = 2.0
     room: Room = 2.1
     close: Room = 1.4
 
@@ -194,14 +196,14 @@ class GrabDetector:
         candidates = self.candidates(picture)
         if not candidates:
             return Detection("none", "nothing found", 0.0), np.full(2, -_LIMIT)
-        tried: list[tuple[float, Candidate, Array]] = []
-        for candidate in candidates:
-            pose = self.poses(picture, [candidate.box], self.settings.room)
-            tried.append((float(pose.presence[0]), candidate, pose.boxes[0]))
-            if tried[-1][0] > CLEAR:
+        best, first = candidates[0], self.pose(picture, candidates[0].box, self.settings.room)
+        for candidate in candidates[1:]:
+            if first.presence[0] > self.settings.clear:
                 break
-        _, best, box = max(tried, key=lambda each: each[0])
-        near, own = self.poses(picture, [box], self.settings.close), self.calibration
+            other = self.pose(picture, candidate.box, self.settings.room)
+            if other.presence[0] > first.presence[0]:
+                best, first = candidate, other
+        near, own = self.pose(picture, first.boxes[0], self.settings.close), self.calibration
         logits = np.array([near.presence[0], best.logit])
         presence = own.presence(logits)
         height, width = picture.shape[:2]
@@ -235,11 +237,11 @@ class GrabDetector:
         enough = max(self.settings.least_heat, self.settings.rivals * found[0].heat) if found else 0.0
         return [candidate for candidate in found if candidate.heat >= enough][: self.settings.candidates]
 
-    def poses(self, picture: Picture, boxes: list[Array], room: float) -> Poses:
-        """Run the pose net on crops around n boxes, each of shape (4,), px, of ``room`` times their longer side."""
-        patches = [around(_sound(box), room) for box in boxes]
-        crops = np.stack([cut_crop(picture, patch, POSE_SIZE) for patch in patches])
-        return read(_run(self._pose, crops, _ROWS)[0], patches, picture.shape[1], picture.shape[0])
+    def pose(self, picture: Picture, box: Array, room: float) -> Poses:
+        """Run the pose net on a crop around a box (4,), px, of ``room`` times its longer side."""
+        patch = around(_sound(box), room)
+        crop = cut_crop(picture, patch, POSE_SIZE)
+        return read(_run(self._pose, crop[None], _ROWS)[0], [patch], picture.shape[1], picture.shape[0])
 
 
 def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:

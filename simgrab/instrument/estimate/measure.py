@@ -138,7 +138,8 @@ def measure(
     readings = None if imu is None else read_imu(imu)
     if estimator is None:
         moves = readings is not None or (controller is not None and controller.reports_motion)
-        estimator = PendulumSmoother.name if moves else DEFAULT if controller is None else RopeAware.name
+        states_rope = controller is not None and controller.rope is not None
+        estimator = PendulumSmoother.name if moves else RopeAware.name if states_rope else DEFAULT
     kind = _kind(estimator)(intervals=WORKING)
     kind = kind if readings is None else PendulumSmoother(imu=readings, intervals=WORKING)
     needs_rope = kind.needs_rope and (controller is None or controller.rope is None)

@@ -227,7 +227,9 @@ class _Parts:
         used = instrument.tilt or instrument.chosen(calibration, live=True)
         given = f"given, of {used.estimator}" if isinstance(used, Known) else f"by {used.name}"
         plc = instrument.controller or instrument.feed
-        report(f"tilt: {given}{'; of the controller only the rope length is used' if plc else ''}")
+        rope = "; of the controller the rope length is used"
+        more = ", and the jib's motion for warnings" if instrument.feed and instrument.feed.states_motion else ""
+        report(f"tilt: {given}{rope + more if plc else ''}")
 
     def next(self, folder: Path | None, options: RunOptions) -> tuple[Run, OverlayVideo]:
         """Measure one part: all of it where no folder is written."""
@@ -358,6 +360,5 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
         "clock_by_motion_s": None if by_motion is None else clock.offset_s - by_motion,
         "display_minus_controller_m": clock.difference_m,
-        "wind_m_s": None if used is None or controller.wind is None else used.intervals.wind_m_s,
         "notes": [*controller.notes, *filter(None, [clock.note, record.doubt if record is not None else ""])],
     }  # fmt: skip

@@ -80,7 +80,6 @@ def held(run: Run) -> list[tuple[str, str]]:
     if reported := run.about.get("controller"):
         clock = in_words(*(reported[f"clock_{name}"] for name in ("offset_s", "interval_s", "from", "by_motion_s")))
         rows.append(("controller's clock", clock))
-        rows += [("wind", f"{wind:.1f} m/s")] if (wind := reported["wind_m_s"]) else []
     estimate = run.about["estimate"]
     if estimate is not None:
         refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
@@ -100,7 +99,7 @@ def held(run: Run) -> list[tuple[str, str]]:
     if any(m.warning is not None for m in run.measurements):
         rows.append(("early warnings", str(len(run.about["warnings"]))))
     elif run.time is not None and estimate is not None and estimate["status"] == "ok":
-        rows.append(("early warnings", "none: they need rope lengths and, with --imu or slewing by --plc, --live"))
+        rows.append(("early warnings", "none: they need rope lengths and, with --imu or motion by --plc, --live"))
     if "faults" in run.about:
         faults = run.about["faults"]
         rows.append(("faults", str(len(faults))))
