@@ -111,21 +111,28 @@ class _Answers:
 
     def __init__(self, given: Mapping[str, str | None], *, ask: bool) -> None:
         self._given, self._ask = given, ask
+        self._unread = [name for name, text in given.items() if text is not None]
         self.assumed: list[str] = []
 
     def __contains__(self, name: str) -> bool:
         return self._given[name] is not None
+
+    @property
+    def unread(self) -> str:
+        """Options that were given and have no effect."""
+        return ", ".join(f"--{name}" for name in self._unread)
 
     def get(self, name: str, read: Callable[[str], T], usual: str = "") -> T:
         """Read an answer by a function that raises ValueError for nonsense."""
 
         def value(text: str) -> T:
             try:
-                return read(text.strip())
+                return read("" if not default and text.strip().lower() == "none" else text.strip())
             except ValueError as problem:
                 example = f", for instance {default}" if default else ""
                 raise _refusal(name, f"{problem}{example}") from None
 
+        self._unread = [one for one in self._unread if one != name]
         text, (question, default) = self._given[name], ASKED[name]
         if text is None and self._ask:
             usual = usual or default
@@ -199,10 +206,8 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
             raise _refusal("lens", f"{camera} has lenses of {', '.join(f'{one:g}' for one in lenses)} mm, got {mm:g}")
         name, fov = f"{camera}, {mm:g} mm", lenses[mm]
     else:
-        sensor = answers.get("sensor", lambda text: _lenses.sensor(text, width, height))
-        size, pitch_um, wide, high = _lenses.SENSORS[sensor]
-        (mm,) = answers.get("lens", _numbers(0.5, 100))
-        name, f_px = f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um
+        wide, high = width, height
+        name, f_px = _of_sensor(answers, width, height)
     scale = max(width / wide, height / high)  # a picture of another shape is a part of the whole
     try:
         barrels = [_lenses.barrel(wide, high, *fov)] if len(fov) == 2 else _lenses.BARRELS
@@ -215,7 +220,18 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
     name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
     if len(fov) < 2:
         answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses")
+    if fov and "sensor" in answers and "lens" in answers:
+        sensor, other_px = _of_sensor(answers, width, height)
+        answers.assumed.append(f"a focal length of {f:.0f} px, as {name}; {sensor}, would have {other_px:.0f} px")
     return name, width, height, f, distortion
+
+
+def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float]:
+    """Name sensor and lens, and give their focal length in px of a picture of this size."""
+    sensor = answers.get("sensor", lambda text: _lenses.sensor(text, width, height))
+    size, pitch_um, wide, high = _lenses.SENSORS[sensor]
+    (mm,) = answers.get("lens", _numbers(0.5, 100))
+    return f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um * max(width / wide, height / high)
 
 
 def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
@@ -322,6 +338,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
             "every frame shows the grab; absent in [swing] leaves it out, and the mount has no effect"
         )
     answers.assumed.append("no noise of the sensor; optics.sensor sets it")
+    if answers.unread:
+        answers.assumed.append(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
     inf = math.inf
     facts = {
         "camera.focal.focal_length_px": (f_px, 0.01 * f_px, 100, inf),

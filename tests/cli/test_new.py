@@ -47,6 +47,23 @@ def test_a_camera_spans_the_field_of_view_of_its_data_sheet(name, mm, tmp_path):
     assert scene.vary["camera.focal.focal_length_px"].low < scene.camera.focal.focal_length_px
 
 
+def test_none_is_an_answer_where_it_is_the_default(tmp_path):
+    none, _ = new(tmp_path / "a.toml", "--camera", "none", "--fov", "None")
+    assert none.to_dict() | {"name": ""} == new(tmp_path / "b.toml")[0].to_dict() | {"name": ""}
+    assert run("new", tmp_path / "c.toml", "--yes", "--grab", "none")[0] == 2
+
+
+def test_an_option_without_effect_is_named(tmp_path):
+    listed = ["--camera", "2143", "--lens", 4]
+    scene, out = new(tmp_path / "a.toml", *listed, "--sensor", "1/1.8")
+    f_px = scene.camera.focal.focal_length_px
+    assert f"a focal length of {f_px:.0f} px, as Hikvision DS-2CD2143G2-I" in out
+    assert "as IMX347, 4 mm, would have 1379 px" in out
+    assert "no effect beside" not in out
+    assert "--sensor: no effect beside --camera" in new(tmp_path / "b.toml", "--camera", 2143, "--sensor", "1/3")[1]
+    assert "--lens: no effect beside --fov" in new(tmp_path / "c.toml", "--fov", 80, "--lens", 4)[1]
+
+
 def test_a_lens_without_distortion_is_a_pinhole():
     for across, f_px in ((40, 2637.6), (90, 960)):
         up = 2 * math.degrees(math.atan(540 / f_px))
