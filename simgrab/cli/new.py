@@ -18,7 +18,7 @@ from simgrab.cli import _lenses
 from simgrab.cli._options import PATH, together
 
 if TYPE_CHECKING:
-    from simgrab.model.scenario import Grab
+    from simgrab.model.scenario import Grab, Scenario
 
 T = TypeVar("T")
 GRABS = ("four-rope", "clamshell", "orange-peel", "scissors")
@@ -37,6 +37,7 @@ PAINTS = {
 FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S = 75
+SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may take
 # By option: the question, and what stands for an answer.
 ASKED = {
     "camera": ("model of the camera (none: give sensor and lens)", ""),
@@ -90,6 +91,7 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
         scene = scenes.load(draft)
+        _check_ropes(scene)
         size = _size_of_model(scene.grab) if 'model = "mesh"' in text else []
     for line in (
         *(f"assumed: {line}" for line in answers.assumed),
@@ -98,6 +100,28 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
         f"next: simgrab render {file}{'; [vary] draws again after each clip.clip_frames frames' if scene.vary else ''}",
     ):
         click.echo(printable(line))
+
+
+def _check_ropes(scene: Scenario) -> None:
+    """Refuse cycles that would lower the grab into the pile, or not lift it over the hopper."""
+    from simgrab.model.distributions import Uniform
+    from simgrab.model.scenario import Cycles, Dynamic, Quay
+
+    if not (isinstance(scene.swing, Dynamic) and isinstance(scene.swing.work, Cycles)):
+        return
+    from simgrab.world.scenery.grabs import design_of
+    from simgrab.world.scenery.places.hopper import TOP_M
+
+    assert isinstance(scene.place, Quay)
+    varied = scene.vary.get("jib.head_height_m")
+    head = varied.low if isinstance(varied, Uniform) else scene.jib.head_height_m
+    room = head - design_of(scene.grab).depth_m - SPARE_M
+    work, dig, carry = scene.swing.work, room - scene.place.pile_height_m, room - TOP_M
+    if work.dig_rope_m > dig or work.carry_rope_m > carry:
+        raise _refusal(
+            "ropes", f"{work.carry_rope_m:g} and {work.dig_rope_m:g} m are too long for cycles below a jib head of "
+            f"{head:g} m: at most {carry:.1f} m carry this grab over the hopper, and {dig:.1f} m lower it on the pile"
+        )  # fmt: skip
 
 
 def _size_of_model(grab: Grab) -> list[str]:
@@ -326,9 +350,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     else:
         calm = ", whatever the wind" if wind else ""
         answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
-    if long > head - 3:
-        if cycles:
-            raise _refusal("ropes", f"cycles dig on the quay, at most {head - 3:g} m below the jib head; got {long:g}")
+    if long > head - 3 and not cycles:
         answers.assumed.append(f"place: an empty hold, because a grab on {long:g} m of rope reaches below the quay")
         swing += '\n\n[place]\nmodel = "hold"\ndepth_m = 18.0\nfill = 0.0'
     else:
