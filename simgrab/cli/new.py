@@ -348,7 +348,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         swing = f'model = "dynamic"\nwork = {{ model = "cycles", dig_rope_m = {long:g}, carry_rope_m = {short:g} }}'
         swing += f"\nwind = {{ mean_m_s = {wind:g} }}"
     else:
-        calm = ", whatever the wind" if wind else ""
+        calm = ", whatever the wind, which carries rain, snow and dust alone" if wind else ""
         answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
     if long > head - 3 and not cycles:
         answers.assumed.append(f"place: an empty hold, because a grab on {long:g} m of rope reaches below the quay")

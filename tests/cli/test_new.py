@@ -154,7 +154,7 @@ def test_a_fixed_scene_suits_a_suite_and_varies_its_weather_alone(tmp_path):
 def test_wind_carries_the_rain_and_pushes_the_grab(tmp_path):
     scene, out = new(tmp_path / "a.toml", "--wind", 12, "--weather", "rain")
     assert (scene.weather.wind_m_s, scene.weather.rain_mm_h) == (12, 8)
-    assert "2 degrees, whatever the wind;" in out
+    assert "2 degrees, whatever the wind, which carries rain, snow and dust alone;" in out
     scene, _ = new(tmp_path / "b.toml", "--wind", "12 m/s", "--motion", "cycles", "--light", "both")
     assert scene.swing.wind.mean_m_s == 12
     (moods,) = (factor for key, factor in scene.vary.items() if "weather" in key)
