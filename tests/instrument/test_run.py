@@ -383,6 +383,8 @@ INSTRUMENTS = {
     "early": (lambda one, frames, known: one(itertools.islice(frames, 4), known), RunError, "4 measurements of 9"),
     "short": (lambda one, frames, known: one(frames, known)[1:], RunError, "8 measurements of 9 frames"),
     "unlucky": (unlucky, InstrumentError, r"zero: FileNotFoundError: .*weights\.onnx"),
+    "numpy": (lambda *_: np.linalg.inv(np.zeros((2, 2))), InstrumentError, r"zero: LinAlg.*test_run\.py, line \d+\);"),
+    "python": (lambda *_: json.loads("{"), InstrumentError, r"zero: JSONDec.*test_run\.py, line \d+\);"),
 }
 
 
