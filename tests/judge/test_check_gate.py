@@ -21,12 +21,13 @@ import tomli_w
 from answers import Answers
 from browser import needs_chromium, shown
 from click.testing import CliRunner
-from faults import FAULTS, sound
+from faults import FAULTS, LongLens, sound
 
 import simgrab
 from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
+from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, table, trial, verdicts
 from simgrab.judge.check.causes import causes
@@ -326,6 +327,39 @@ def test_a_factor_is_named_rather_than_an_offset(place):
 
 
 @dataclasses.dataclass
+class LongRope:
+    """Adds 8 m to the rope lengths of the sound pipeline, and computes with them."""
+
+    pipeline: Pipeline
+    name: str = "long rope"
+
+    def __call__(self, frames, calibration):
+        record = self.pipeline.record(frames, calibration).measurements
+        centres = np.array([m.centre for m in record])
+        lengths = np.array([m.rope_length_m for m in record]) + 8.0
+        alphas = RopeAware().estimate(centres, calibration, rope_length=lengths).alpha
+        for m, alpha, length in zip(record, alphas.tolist(), lengths.tolist(), strict=True):
+            yield msgspec.structs.replace(m, alpha=alpha, alpha_low=None, alpha_high=None, rope_length_m=length)
+
+
+def test_a_mistake_is_named_only_where_the_check_would_pass_without_it(place, tmp_path):
+    def why(instrument, metric, upper):
+        tight = suite.load(write(tmp_path, limits={metric: {"upper": upper}}))
+        (scene,) = gate.check(tight, options(place, instrument, baseline=None)).scenes.values()
+        return scene.causes
+
+    long = dataclasses.replace(sound(place / "cache"), estimator=LongLens(times=1.3))
+    cases = (
+        (long, "angle.overall.rmse_deg", 0.3, 0.1, "focal length of 5"),
+        (LongRope(sound(place / "cache")), "angle.overall.rmse_deg", 0.25, 0.1, "Rope lengths are 8.0"),
+        (LongRope(sound(place / "cache")), "reading.length.p95_m", 0.1, 1e-6, "Rope lengths are 8.0"),
+    )
+    for instrument, metric, upper, too_low, text in cases:
+        assert text in why(instrument, metric, upper)
+        assert text not in why(instrument, metric, too_low)
+
+
+@dataclasses.dataclass
 class Astray:
     """Shifts box and centre of the sound pipeline by 150 px in every k-th frame."""
 
@@ -467,7 +501,7 @@ ACTS = {
     "gives a sure danger": (outputs(danger=1.5), "frame 0: danger"),
     "gives an interval upside down": (outputs(alpha_low=0.2, alpha_high=0.1), "alpha_low: 0.2 rad is above"),
     "gives one number of two": (outputs(rope_text="0615"), "got '0615'"),
-    "gives degrees": (outputs(alpha=5.0), "5 rad is beyond"),
+    "gives degrees": (outputs(alpha=5.0), "5 rad is beyond the horizontal; angles are in radians"),
     "gives a box upside down": (outputs(box=(1.0, 9.0, 5.0, 4.0)), "y0 < y1 are required"),
     "gives a bad box": (outputs(box=(1.0, 2.0)), "frame 0: box"),
 }

@@ -224,7 +224,7 @@ def judged(
     if met := lax(verdicts, limits):
         passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
         notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
-    return Outcome(verdicts, found.metrics, 0.0, notes=tuple(notes), trial=found)
+    return Outcome(verdicts, found.metrics, 0.0, notes=tuple(notes), trial=found, limits=limits)
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: CheckOptions) -> Dataset:

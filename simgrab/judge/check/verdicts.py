@@ -85,6 +85,14 @@ def of_trial(
     return result
 
 
+def passes(verdict: Verdict, value: float | None, limit: Limit) -> bool:
+    """Whether another value of a verdict's metric would pass: the limit, and what the baseline allows."""
+    if value is None or not limit.holds(value):
+        return False
+    past = verdict.reference, verdict.allowed
+    return past[0] is None or past[1] is None or Reference(past[0], past[1], same_frames=True).holds(value, limit)
+
+
 def lax(verdicts: Sequence[Verdict], limits: Mapping[str, Limit]) -> list[Verdict]:
     """Return the verdicts on errors of the angle whose limits a constant answer meets.
 
