@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import html
 import itertools
 import json
 import re
@@ -125,7 +126,8 @@ def test_another_seed_is_compared_with_the_spread_over_seeds(place):
     ("changes", "reason"),
     [
         ({"name": "other"}, "suite 'small'"),
-        ({"seed": 1}, "scenes.swing was recorded as"),
+        ({"seed": 1}, "scenes.swing.seed was recorded with another value"),
+        ({"changes": SUITE["changes"] | {"camera.beta_deg": 6.0}}, "scenes.swing.camera.beta_deg was recorded with"),
         ({"scenes": {"swing": SUITE["scenes"]["swing"], "more": {"scene": "quay-day", "frames": 2}}}, "scenes.more"),
         ({"limits": SUITE["limits"] | {"detection.recall": {"lower": 0}}}, "detection.recall was not recorded"),
     ],
@@ -255,6 +257,12 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     assert "2 of 3 checks failed" in text
     assert "missed (&lt;no grab&gt;)" in text
     assert text.count("<img") == 5  # the largest errors, and the frame without an angle
+    stated = html.unescape(page.page(check(place)))
+    assert re.search(
+        r"cover the true angle in \d+% of the frames that have one; 95 % is stated\. The pipeline's", stated
+    )
+    assert re.search(r"tilt is \d\.\d\d° with an azimuth of \d+°; the best constant one is 5\.00° .* 40°\.", stated)
+    assert "Pictures are reduced to a width of 640 px" in text
     off = [float(error) for error in re.findall(r"<figcaption>.*error ([+-][\d.]+)°", text)]
     assert len(off) == 4
     assert off == sorted(off, reverse=True)
@@ -685,6 +693,12 @@ def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypat
     assert shell("--instrument", "pipelines:sound", *record) == (0, "")
     assert said[0] == f"recorded over 1 seed in {tmp_path / 'new'}"
     assert all(": warning: " in line for line in said[1:])
+
+
+def test_what_few_seeds_allow_is_said(place, tmp_path):
+    small = suite.load(place / "small.toml")
+    result = gate.record(small, options(place, sound, baseline=tmp_path), seeds=2)
+    assert result.of_suite[1].startswith("on other frames a figure may be worse by 1949 standard deviations")
 
 
 def test_the_command_fails_with_status_1(shell, tmp_path):
