@@ -296,6 +296,13 @@ def _rows(path: Path, table: pa.Table, clock: ClockColumn, notes: list[str]) -> 
         start = _moment(str(clock.start or EPOCH))
         time, bad = _parsed(path, table, clock.column, lambda text: (_moment(text) - start).total_seconds())
         cure = "; dates such as 2026-03-02T08:15:00 are needed"
+        first = str(table[clock.column][int(np.isfinite(time).argmax())])
+        if isinstance(clock.start, str) and np.isfinite(time).any() and _zoned(first) != _zoned(clock.start):
+            one, other = ("has a", "without") if _zoned(clock.start) else ("has no", "with")
+            raise RecordError(
+                f"{path}: time.start, {clock.start}, {one} time zone, and column {clock.column!r} begins {other} one, "
+                f"{first}: write time.start as the column has it"
+            )
     else:
         time, bad = _parsed(path, table, clock.column, float)
         time, passes = _past_midnight(time * UNITS[clock.unit], float(clock.start or 0.0) * UNITS[clock.unit])
@@ -385,12 +392,17 @@ def _of_commas(table: pa.Table, name: str, bad: Bad) -> str:
 
 
 def _moment(text: str) -> datetime:
-    """Read a date with a time; one without a zone is taken for UTC, in ``start`` and the column alike."""
+    """Read a date with a time; one without a zone is taken for UTC."""
     try:
         found = datetime.fromisoformat(text.strip())
     except ValueError:
         raise RecordError(f"start: must be such as 2026-03-02T08:15:00, got {shown(text)}") from None
     return found if found.tzinfo else found.replace(tzinfo=UTC)
+
+
+def _zoned(text: str) -> bool:
+    """Whether a date with a time states its zone."""
+    return datetime.fromisoformat(text.strip()).tzinfo is not None
 
 
 def _past_midnight(time: Array, start: float) -> tuple[Array, bool]:

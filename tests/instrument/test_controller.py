@@ -177,6 +177,11 @@ REFUSED = {
         column("t", lambda _c: ["08:15:00"] * 600), {"time": {"column": "t", "unit": "iso", "start": "2026-03-02"}},
         None, "not a time; dates such as 2026-03-02T08:15:00 are needed",
     ),
+    "a zone in start alone": (
+        column("t", lambda _c: [f"{START + timedelta(seconds=t):%Y-%m-%dT%H:%M:%S.%f}" for t in TIME.tolist()]),
+        {"time": {"column": "t", "unit": "iso", "start": "2026-03-02T08:15:00Z"}}, None,
+        "2026-03-02T08:15:00Z, has a time zone, and column 't' begins without one, 2026-03-02T08:15:00.000000: write",
+    ),
     "one row": (lambda c: {name: cells[:1] for name, cells in c.items()}, {}, None, "1 rows; at least 2"),
     "nothing": (lambda c: c, {}, "", "the file is empty"),
     "no text": (lambda c: c, {}, b"\xff\xfe\x00t,slew\n", "invalid start byte"),
@@ -314,7 +319,7 @@ def test_the_controllers_rope_replaces_a_display():
     about = _controller(pipeline, found)
     assert about["notes"] == ["one row refused"]
     assert (about["clock_offset_s"], about["clock_by_motion_s"]) == (0.0, None)
-    later = dataclasses.replace(found.estimate, diagnostics={"clock_s": 0.4})  # 0.4 s late
+    later = dataclasses.replace(found.estimate, diagnostics={"clock_s": -0.4})  # 0.4 s late
     assert _controller(pipeline, dataclasses.replace(found, estimate=later))["clock_by_motion_s"] == -0.4
     with pytest.raises(RunError, match="follow each other in time"):
         pipeline.conclude([msgspec.structs.replace(s, time_s=None) for s in blind], camera)
@@ -329,7 +334,7 @@ def test_the_rope_is_that_of_the_clock_that_the_swing_shows():
     series = [np.interp(late, crane.time, of) for of in (*crane.jib.T, crane.rope)]
     data = Controller(late + 1.5, *series, 1e-4, 0.003, 0.003, clock_sd_s=1.0)
     found = Pipeline(nobody, None, controller=data).conclude(blind, camera)
-    assert found.estimate.diagnostics["clock_s"] == pytest.approx(1.5, abs=0.05)
+    assert found.estimate.diagnostics["clock_s"] == pytest.approx(-1.5, abs=0.05)
     used = np.array([m.rope_length_m for m in found.measurements])
     np.testing.assert_allclose(used, crane.rope, atol=0.1)
     np.testing.assert_array_equal(used, found.arrays.rope.length)

@@ -166,7 +166,7 @@ def measure(
     late = found.diagnostics.get("clock_s") if by_motion else None
     notes: tuple[str, ...] = ()
     if controller is not None and clock is not None:
-        shown = None if late is None else clock.offset_s - late
+        shown = None if late is None else clock.offset_s + late
         said = in_words(clock.offset_s, clock.interval_s, clock.source, shown)
         notes = (*controller.notes, clock.note, f"controller's clock: {said}")
     return EstimatedRecord(record, calibration, found, tuple(filter(None, (*notes, *warnings, far, why))))
@@ -203,7 +203,7 @@ def by_swing(controller: Controller | None, estimator: Estimator, estimate: Esti
     late = None if estimator.needs_imu else estimate.diagnostics.get("clock_s")
     if late is None or controller is None or controller.rope is None:
         return None
-    moved = controller.shifted(ClockOffset(-float(late), controller.clock_sd_s, "the swing"))
+    moved = controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
     change = np.abs(moved.rope_at(controller.time) - controller.rope)
     return moved if np.nanmax(change) > LEAST_CHANGE_M else None
 

@@ -356,7 +356,7 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
         by_motion = record.estimate.diagnostics.get("clock_s")
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
-        "clock_by_motion_s": None if by_motion is None else clock.offset_s - by_motion,
+        "clock_by_motion_s": None if by_motion is None else clock.offset_s + by_motion,
         "display_minus_controller_m": clock.difference_m,
         "notes": [*controller.notes, *filter(None, [clock.note, record.doubt if record is not None else ""])],
     }  # fmt: skip
