@@ -23,7 +23,7 @@ BLOCK_S = 20.0  # within which errors of readings depend on each other
 MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
-OTHER_UNITS = {"feet, not metres": 0.3048, "metres, not feet": 1 / 0.3048, "decimetres, not metres": 0.1}
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,8 @@ class Controller:
         How long the rope's length is taken to stay after the last reading.
     clock_from : str
         What states the clock.
+    rope_unit : str
+        Of the rope's length as stated, a key of `LENGTHS`, for messages.
     """
 
     time: Array
@@ -65,6 +67,7 @@ class Controller:
     notes: tuple[str, ...] = ()
     hold_s: float = 0.0
     clock_from: str = "its description"
+    rope_unit: str = "m"
 
     @property
     def reports_motion(self) -> bool:
@@ -129,11 +132,11 @@ def in_words(offset_s: float, interval_s: Sequence[float], source: str, by_swing
     return said + ("" if by_swing_s is None else f"; {by_swing_s:+.2f} s by the swing, which is used")
 
 
-def _unit(misfit: Callable[[float], float], display: Array) -> str:
+def _unit(misfit: Callable[[float], float], display: Array, stated: str) -> str:
     """Name the unit in which lengths, times a factor, follow the display's (n,); ``misfit`` is of the factor, m²."""
     least = min(MOST_MISFIT_M**2, float(np.var(display)) / 25)
-    fitting = [unit for unit, scale in OTHER_UNITS.items() if misfit(scale) < least]
-    return f"they follow as {fitting[0]}: see rope.unit" if len(fitting) == 1 else "is it another record?"
+    fitting = [unit for unit, scale in LENGTHS.items() if misfit(scale / LENGTHS[stated]) < least]
+    return f"they follow in {fitting[0]}, not {stated}: see rope.unit" if len(fitting) == 1 else "is it another record?"
 
 
 def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOffset:
@@ -190,10 +193,11 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
     delay, error = float(delays[best]), misfit(delays[best])[1]
     difference = float(np.nanmean(error))
     if squares[best] > MOST_MISFIT_M**2:
+        unit = _unit(lambda scale: min(misfit(one, scale)[0] for one in delays), length, controller.rope_unit)
         raise RecordError(
             f"the controller's rope length does not follow the display's: they differ by "
             f"{math.sqrt(squares[best]):.1f} m beside a constant, with clocks up to {reach:g} s apart "
-            f"(4 time.clock_sd_s); {_unit(lambda scale: min(misfit(delay, scale)[0] for delay in delays), length)}"
+            f"(4 time.clock_sd_s); {unit}"
         )
     for _ in range(3):  # Gauss–Newton
         slope = (controller.rope_at(t - delay + STEP_S) - controller.rope_at(t - delay - STEP_S)) / (2 * STEP_S)

@@ -17,7 +17,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
-from simgrab.instrument.controller import Controller
+from simgrab.instrument.controller import LENGTHS, Controller
 from simgrab.instrument.estimate.jib import RADIUS_M
 from simgrab.instrument.estimate.tables import decimal_comma, read_texts
 from simgrab.instrument.read import Hoist, consistent
@@ -30,16 +30,15 @@ DATA, DESCRIPTION = "data.csv", ".toml"
 MOST_ROWS = 2_000_000  # 55 hours at 10 Hz
 UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
-    "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048,
-    "deg": math.pi / 180, "rad": 1.0,
+    "deg": math.pi / 180, "rad": 1.0, **LENGTHS,
 }  # fmt: skip
-LENGTHS, ANGLES = ("m", "dm", "cm", "mm", "ft"), ("deg", "rad")
-LONGEST_M = 200.0
+ANGLES = ("deg", "rad")
+LEAST_ROPE_M, LONGEST_M = 0.5, 200.0  # a grab's centre hangs lower than that below the exit, whatever its rope
 _USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
 # Lowest and highest value and the greatest speed of any such crane, with much to spare, and the unit.
 _LIMITS = {
     "slew": (-1e5, 1e5, 0.5, "rad"), "radius": (0.0, LONGEST_M, 2.0, "m"), "luff": (-0.2, 1.6, 0.2, "rad"),
-    "rope": (0.0, LONGEST_M, 3.0, "m"),
+    "rope": (LEAST_ROPE_M, LONGEST_M, 3.0, "m"),
 }  # fmt: skip
 _MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
 DAY_S = 86_400.0
@@ -250,6 +249,8 @@ def read_controller(
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
         joined[holes + 1 + np.arange(len(holes))] = np.nan
         found |= {name: joined, f"{name}_sd": sd}
+    if facts.rope is not None:
+        found["rope_unit"] = facts.rope.unit
     if facts.time.start is None:
         found["clock_from"] = f"its description without time.start: the first frame is at 0 of {facts.time.column!r}"
     return Controller(grid, **found, clock_sd_s=facts.time.clock_sd_s, notes=tuple(notes))

@@ -141,7 +141,7 @@ REFUSED_ROWS = {
     "text": (cell("slew", 9, "n/a"), "slew, column 'slew': 1 of 600 readings refused, the first in row 10: not a num"),
     "nothing": (cell("rope", 9, ""), "rope, column 'rope': 1 of 600 cells are empty"),
     "infinity": (cell("radius", 9, "inf"), "radius, column 'radius': 1 of 600 readings refused"),
-    "a length that no rope has": (cell("rope", 9, "6553.5"), "the first in row 10: not between 0 and 200 m"),
+    "a length that no rope has": (cell("rope", 9, "6553.5"), "the first in row 10: not between 0.5 and 200 m"),
     "a length that the hoist cannot reach": (cell("rope", 9, "40"), "the first in row 10: faster than 3 m/s"),
 }
 
@@ -162,7 +162,10 @@ REFUSED = {
     "a column less": (lambda c: c, {"rope": quantity("hoist", "m")}, None, "'hoist' is missing; there are: 't, slew"),
     "centimetres for metres": (
         column("rope", lambda _c: texts(100 * ROPE)), {}, None,
-        "600 of 600 readings refused, the first in row 1: not between 0 and 200 m; 1722.11 would be plausible in cm:",
+        "600 of 600 readings refused, the first in row 1: not between 0.5 and 200 m; 1722.11 would be plausible in cm:",
+    ),
+    "metres for centimetres": (
+        lambda c: c, {"rope": quantity("rope", "cm")}, None, "; 17.2211 would be plausible in m or ft: see rope.unit",
     ),
     "radians for degrees": (lambda c: c, {"slew": quantity("slew", "rad")}, None, "is slew.unit right?"),
     "milliseconds for seconds": (column("t", lambda _c: texts(1000 * TIME)), {}, None, "is time.unit right?"),
@@ -287,9 +290,10 @@ def test_another_record_is_refused():
     frames = np.arange(5, 50, 1 / 9)
     with pytest.raises(RecordError, match=r"does not follow the display's: they differ by \d\.\d m"):
         clock_offset(reading(), frames, 30 - displayed(frames, 0.5))
-    for unit, factor in (("feet, not metres", 0.3048), ("metres, not feet", 1 / 0.3048), ("decimetres, not", 0.1)):
-        with pytest.raises(RecordError, match=rf"they follow as {unit}.*: see rope\.unit"):
-            clock_offset(reading(rope=ROPE / factor), frames, displayed(frames, 0.5))
+    for stated, true in (("m", "ft"), ("ft", "m"), ("cm", "m"), ("mm", "cm"), ("m", "dm")):
+        wrong = dataclasses.replace(reading(rope=ROPE * PER[stated] / PER[true]), rope_unit=stated)
+        with pytest.raises(RecordError, match=rf"they follow in {true}, not {stated}: see rope\.unit"):
+            clock_offset(wrong, frames, displayed(frames, 0.5))
     with pytest.raises(RecordError, match=r"is it another record\?"):  # a display that hardly moves fits any factor
         clock_offset(reading(rope=15 + (ROPE - 15) / 2), frames, 15 + 0.1 * np.sin(frames))
     with pytest.raises(RecordError, match=r"no time in common: 0\.0 to 59\.9 s and 100\.0 to .* time\.start"):
