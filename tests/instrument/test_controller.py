@@ -175,7 +175,6 @@ REFUSED = {
         column("rope", lambda _c: [f'"{text}"'.replace(".", ",") for text in texts(ROPE)]), {}, None,
         "600 of 600 readings refused, the first in row 1: not a number; write decimals with a point",
     ),
-    "semicolons": (lambda c: c, {}, "t;slew;radius;rope\n0,1;5,0;22,5;15,2\n", "must be separated by commas"),
     "times of day as texts": (
         column("t", lambda _c: ["08:15:00"] * 600), {"time": {"column": "t", "unit": "iso", "start": "2026-03-02"}},
         None, "not a time; dates such as 2026-03-02T08:15:00 are needed",
@@ -213,6 +212,20 @@ def test_hostile_files_are_one_line(tmp_path, what):
         read_controller(path)
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+def test_a_file_of_a_spreadsheet_is_read(tmp_path, encoding):
+    """Semicolons, decimal commas, a degree sign and a BOM or Windows-1252."""
+    path = plain(tmp_path, **{"slew": quantity("slew °", "deg")})
+    expected = read_controller(plain(tmp_path))
+    path.with_suffix(".toml").write_text(tomli_w.dumps(tables_of(path) | {"slew": quantity("slew °", "deg")}), "utf-8")
+    text = path.read_text(encoding="utf-8").replace("slew", "slew °").replace(",", ";").replace(".", ",")
+    path.write_bytes(text.encode("utf-8-sig" if encoding == "utf-8" else encoding))
+    found = read_controller(path)
+    for name in ("time", "slew", "rope"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert found.notes == expected.notes
 
 
 def tables_of(path):
