@@ -334,7 +334,7 @@ def _conclude(
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
         "estimate": None if estimate is None else estimate_json(estimate),
         "tilt": None if tilt is None else msgspec.to_builtins(tilt),
-        "assumed": assumptions(calibration, record, tilt, instrument, measurements),
+        "assumed": assumptions(calibration, record, tilt, instrument, measurements, timed=time_s is not None),
         "above_10_deg": alarm.share(*np.array([(m.alpha, m.alpha_low, m.alpha_high) for m in measurements], float).T),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
