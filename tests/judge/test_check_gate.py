@@ -31,7 +31,7 @@ from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, table, trial, verdicts
-from simgrab.judge.check.causes import causes
+from simgrab.judge.check.causes import _of_angles, causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.records.observations import Detection
@@ -327,6 +327,12 @@ def test_angles_converted_twice_are_named(place):
     assert "converted from degrees to radians twice" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
 
 
+def test_angles_in_degrees_are_named():
+    true = np.linspace(0.1, 1.4, 20)
+    (said,) = _of_angles(np.rad2deg(true), true)
+    assert "57.30 times the true one, as if it were in degrees" in said
+
+
 def test_a_factor_is_named_rather_than_an_offset(place):
     (scene,) = check(place, Times(sound(place / "cache"), 0.5)).scenes.values()
     why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
@@ -350,6 +356,18 @@ class LongRope:
             yield msgspec.structs.replace(m, alpha=alpha, alpha_low=None, alpha_high=None, rope_length_m=length)
 
 
+@dataclasses.dataclass
+class Late:
+    """Gives each frame the angle of two frames before."""
+
+    pipeline: Pipeline
+    name: str = "late"
+
+    def __call__(self, frames, calibration):
+        record = self.pipeline.record(frames, calibration).measurements
+        return [msgspec.structs.replace(m, centre=None, box=None) for m in (*record[-2:], *record[:-2])]
+
+
 def test_a_mistake_is_named_only_where_the_check_would_pass_without_it(place, tmp_path):
     def why(instrument, metric, upper):
         tight = suite.load(write(tmp_path, limits={metric: {"upper": upper}}))
@@ -358,6 +376,7 @@ def test_a_mistake_is_named_only_where_the_check_would_pass_without_it(place, tm
 
     long = dataclasses.replace(sound(place / "cache"), estimator=LongLens(times=1.3))
     cases = (
+        (Late(sound(place / "cache")), "angle.overall.rmse_deg", 0.3, 0.01, "those of 2 frames before theirs"),
         (long, "angle.overall.rmse_deg", 0.3, 0.1, "focal length of 5"),
         (LongRope(sound(place / "cache")), "angle.overall.rmse_deg", 0.25, 0.1, "Rope lengths are 8.0"),
         (LongRope(sound(place / "cache")), "reading.length.p95_m", 0.1, 1e-6, "Rope lengths are 8.0"),

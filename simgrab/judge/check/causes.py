@@ -77,8 +77,7 @@ def _of_lengths(run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> It
     off = np.abs(mistake.left[np.isfinite(mistake.left)])
     figures = {"median_m": np.median(off), "p95_m": np.quantile(off, 0.95), "max_m": off.max()}
     rests = meets({f"reading.length.{name}": float(value) for name, value in figures.items()})
-    own, other = (_metrics(with_lengths(run, known, rope), known) for rope in ("read", "true"))
-    if rests or (meets(other) and not meets(own)):
+    if rests or [meets(_metrics(with_lengths(run, known, rope), known)) for rope in ("read", "true")] == [False, True]:
         yield f"{mistake.text}, but for {np.rint(100 * mistake.rms):.0f} cm."
 
 
