@@ -26,10 +26,12 @@ class Mirrored(RopeAware):
 
 @dataclasses.dataclass(frozen=True)
 class LongLens(RopeAware):
-    """Believes in a focal length that is 5 % off."""
+    """Believes in a wrong focal length."""
+
+    times: float = 1.05
 
     def estimate(self, pixels, calibration, **known):
-        longer = msgspec.structs.replace(calibration, focal_length_px=1.05 * calibration.focal_length_px)
+        longer = msgspec.structs.replace(calibration, focal_length_px=self.times * calibration.focal_length_px)
         return super().estimate(pixels, longer, **known)
 
 

@@ -18,7 +18,7 @@ from simgrab.cli import _lenses
 from simgrab.cli._options import PATH, together
 
 if TYPE_CHECKING:
-    from simgrab.model.scenario import Grab
+    from simgrab.model.scenario import Grab, Scenario
 
 T = TypeVar("T")
 GRABS = ("four-rope", "clamshell", "orange-peel", "scissors")
@@ -37,6 +37,7 @@ PAINTS = {
 FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S = 75
+SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may take
 # By option: the question, and what stands for an answer.
 ASKED = {
     "camera": ("model of the camera (none: give sensor and lens)", ""),
@@ -90,6 +91,7 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
         scene = scenes.load(draft)
+        _check_ropes(scene)
         size = _size_of_model(scene.grab) if 'model = "mesh"' in text else []
     for line in (
         *(f"assumed: {line}" for line in answers.assumed),
@@ -98,6 +100,28 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
         f"next: simgrab render {file}{'; [vary] draws again after each clip.clip_frames frames' if scene.vary else ''}",
     ):
         click.echo(printable(line))
+
+
+def _check_ropes(scene: Scenario) -> None:
+    """Refuse cycles that would lower the grab into the pile, or not lift it over the hopper."""
+    from simgrab.model.distributions import Uniform
+    from simgrab.model.scenario import Cycles, Dynamic, Quay
+
+    if not (isinstance(scene.swing, Dynamic) and isinstance(scene.swing.work, Cycles)):
+        return
+    from simgrab.world.scenery.grabs import design_of
+    from simgrab.world.scenery.places.hopper import TOP_M
+
+    assert isinstance(scene.place, Quay)
+    varied = scene.vary.get("jib.head_height_m")
+    head = varied.low if isinstance(varied, Uniform) else scene.jib.head_height_m
+    room = head - design_of(scene.grab).depth_m - SPARE_M
+    work, dig, carry = scene.swing.work, room - scene.place.pile_height_m, room - TOP_M
+    if work.dig_rope_m > dig or work.carry_rope_m > carry:
+        raise _refusal(
+            "ropes", f"{work.carry_rope_m:g} and {work.dig_rope_m:g} m are too long for cycles below a jib head of "
+            f"{head:g} m: at most {carry:.1f} m carry this grab over the hopper, and {dig:.1f} m lower it on the pile"
+        )  # fmt: skip
 
 
 def _size_of_model(grab: Grab) -> list[str]:
@@ -111,21 +135,28 @@ class _Answers:
 
     def __init__(self, given: Mapping[str, str | None], *, ask: bool) -> None:
         self._given, self._ask = given, ask
+        self._unread = [name for name, text in given.items() if text is not None]
         self.assumed: list[str] = []
 
     def __contains__(self, name: str) -> bool:
         return self._given[name] is not None
+
+    @property
+    def unread(self) -> str:
+        """Options that were given and have no effect."""
+        return ", ".join(f"--{name}" for name in self._unread)
 
     def get(self, name: str, read: Callable[[str], T], usual: str = "") -> T:
         """Read an answer by a function that raises ValueError for nonsense."""
 
         def value(text: str) -> T:
             try:
-                return read(text.strip())
+                return read("" if not default and text.strip().lower() == "none" else text.strip())
             except ValueError as problem:
                 example = f", for instance {default}" if default else ""
                 raise _refusal(name, f"{problem}{example}") from None
 
+        self._unread = [one for one in self._unread if one != name]
         text, (question, default) = self._given[name], ASKED[name]
         if text is None and self._ask:
             usual = usual or default
@@ -199,10 +230,8 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
             raise _refusal("lens", f"{camera} has lenses of {', '.join(f'{one:g}' for one in lenses)} mm, got {mm:g}")
         name, fov = f"{camera}, {mm:g} mm", lenses[mm]
     else:
-        sensor = answers.get("sensor", lambda text: _lenses.sensor(text, width, height))
-        size, pitch_um, wide, high = _lenses.SENSORS[sensor]
-        (mm,) = answers.get("lens", _numbers(0.5, 100))
-        name, f_px = f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um
+        wide, high = width, height
+        name, f_px = _of_sensor(answers, width, height)
     scale = max(width / wide, height / high)  # a picture of another shape is a part of the whole
     try:
         barrels = [_lenses.barrel(wide, high, *fov)] if len(fov) == 2 else _lenses.BARRELS
@@ -215,7 +244,18 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
     name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
     if len(fov) < 2:
         answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses")
+    if fov and "sensor" in answers and "lens" in answers:
+        sensor, other_px = _of_sensor(answers, width, height)
+        answers.assumed.append(f"a focal length of {f:.0f} px, as {name}; {sensor}, would have {other_px:.0f} px")
     return name, width, height, f, distortion
+
+
+def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float]:
+    """Name sensor and lens, and give their focal length in px of a picture of this size."""
+    sensor = answers.get("sensor", lambda text: _lenses.sensor(text, width, height))
+    size, pitch_um, wide, high = _lenses.SENSORS[sensor]
+    (mm,) = answers.get("lens", _numbers(0.5, 100))
+    return f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um * max(width / wide, height / high)
 
 
 def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
@@ -308,11 +348,9 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         swing = f'model = "dynamic"\nwork = {{ model = "cycles", dig_rope_m = {long:g}, carry_rope_m = {short:g} }}'
         swing += f"\nwind = {{ mean_m_s = {wind:g} }}"
     else:
-        calm = ", whatever the wind" if wind else ""
+        calm = ", whatever the wind, which carries rain, snow and dust alone" if wind else ""
         answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
-    if long > head - 3:
-        if cycles:
-            raise _refusal("ropes", f"cycles dig on the quay, at most {head - 3:g} m below the jib head; got {long:g}")
+    if long > head - 3 and not cycles:
         answers.assumed.append(f"place: an empty hold, because a grab on {long:g} m of rope reaches below the quay")
         swing += '\n\n[place]\nmodel = "hold"\ndepth_m = 18.0\nfill = 0.0'
     else:
@@ -322,6 +360,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
             "every frame shows the grab; absent in [swing] leaves it out, and the mount has no effect"
         )
     answers.assumed.append("no noise of the sensor; optics.sensor sets it")
+    if answers.unread:
+        answers.assumed.append(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
     inf = math.inf
     facts = {
         "camera.focal.focal_length_px": (f_px, 0.01 * f_px, 100, inf),

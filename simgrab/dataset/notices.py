@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from simgrab.dataset.stored import split
-from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid
+from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid, Scenario
 from simgrab.model.truth import SPLITS
 from simgrab.world.extensions import Recipe
 
@@ -22,7 +22,7 @@ def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
         lines = _of_independent(recipe) if isinstance(scenario.swing, Iid) else _of_clips(recipe)
     else:
         lines = []
-    return lines + (_of_splits(recipe) if splits else [])
+    return lines + _of_weather(recipe.scenario) + (_of_splits(recipe) if splits else [])
 
 
 def _of_independent(recipe: Recipe) -> list[str]:
@@ -38,6 +38,14 @@ def _of_independent(recipe: Recipe) -> list[str]:
             + ("lower clip.clip_frames" if recipe.varies else "give the scene [vary] and clip.clip_frames")
         )
     return lines
+
+
+def _of_weather(scenario: Scenario) -> list[str]:
+    weather = scenario.weather
+    carried = weather.rain_mm_h, weather.snow_mm_h, weather.dust_thickness, weather.drift_thickness
+    if not weather.wind_m_s or any(carried) or any("weather" in key for key in scenario.vary):
+        return []
+    return ["weather.wind_m_s has no effect without rain, snow or dust; the wind of swing.wind pushes a moving grab"]
 
 
 def _of_clips(recipe: Recipe) -> list[str]:

@@ -119,7 +119,7 @@ def flaw(m: Measurement) -> str:
         if not all(math.isfinite(x) for x in numbers if isinstance(x, float)):
             return f"{name}: {value} is not finite; leave out what is not known"
     if m.alpha is not None and m.alpha > math.pi / 2:
-        return f"alpha: {m.alpha:g} rad is beyond the horizontal"
+        return f"alpha: {m.alpha:g} rad is beyond the horizontal; angles are in radians"
     if m.alpha_low is not None and m.alpha_high is not None and m.alpha_low > m.alpha_high:
         return f"alpha_low: {m.alpha_low:g} rad is above alpha_high, {m.alpha_high:g}"
     if m.box is not None and not (m.box[0] < m.box[2] and m.box[1] < m.box[3]):

@@ -28,7 +28,7 @@ SPANS_S = (1.2, 2.0, 3.0)  # of the latest readings
 LEAST_LATEST, OLDEST_S = 5, 0.5
 MOST_ERROR = 0.08  # m/s², standard deviation: a quarter of what a forecast expects of a jib that nobody reports
 LEAST_WIND_M_S = 2.0  # its lean is 0.01°
-OTHER_UNITS = {"feet, not metres": 0.3048, "metres, not feet": 1 / 0.3048, "decimetres, not metres": 0.1}
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,8 @@ class Controller:
         How long the rope's length is taken to stay after the last reading.
     clock_from : str
         What states the clock.
+    rope_unit : str
+        Of the rope's length as stated, a key of `LENGTHS`, for messages.
     wind : ndarray, shape (m, 2), or None
         Times, s, and speeds, m/s; without NaN.
     """
@@ -72,6 +74,7 @@ class Controller:
     notes: tuple[str, ...] = ()
     hold_s: float = 0.0
     clock_from: str = "its description"
+    rope_unit: str = "m"
     wind: Array | None = None
 
     @property
@@ -172,11 +175,11 @@ def in_words(offset_s: float, interval_s: Sequence[float], source: str, by_swing
     return said + ("" if by_swing_s is None else f"; {by_swing_s:+.2f} s by the swing, which is used")
 
 
-def _unit(misfit: Callable[[float], float], display: Array) -> str:
+def _unit(misfit: Callable[[float], float], display: Array, stated: str) -> str:
     """Name the unit in which lengths, times a factor, follow the display's (n,); ``misfit`` is of the factor, m²."""
     least = min(MOST_MISFIT_M**2, float(np.var(display)) / 25)
-    fitting = [unit for unit, scale in OTHER_UNITS.items() if misfit(scale) < least]
-    return f"they follow as {fitting[0]}: see rope.unit" if len(fitting) == 1 else "is it another record?"
+    fitting = [unit for unit, scale in LENGTHS.items() if misfit(scale / LENGTHS[stated]) < least]
+    return f"they follow in {fitting[0]}, not {stated}: see rope.unit" if len(fitting) == 1 else "is it another record?"
 
 
 def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOffset:
@@ -233,10 +236,11 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
     delay, error = float(delays[best]), misfit(delays[best])[1]
     difference = float(np.nanmean(error))
     if squares[best] > MOST_MISFIT_M**2:
+        unit = _unit(lambda scale: min(misfit(one, scale)[0] for one in delays), length, controller.rope_unit)
         raise RecordError(
             f"the controller's rope length does not follow the display's: they differ by "
             f"{math.sqrt(squares[best]):.1f} m beside a constant, with clocks up to {reach:g} s apart "
-            f"(4 time.clock_sd_s); {_unit(lambda scale: min(misfit(delay, scale)[0] for delay in delays), length)}"
+            f"(4 time.clock_sd_s); {unit}"
         )
     for _ in range(3):  # Gauss–Newton
         slope = (controller.rope_at(t - delay + STEP_S) - controller.rope_at(t - delay - STEP_S)) / (2 * STEP_S)

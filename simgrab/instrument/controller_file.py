@@ -17,7 +17,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
-from simgrab.instrument.controller import RADIUS_M, Controller
+from simgrab.instrument.controller import LENGTHS, RADIUS_M, Controller
 from simgrab.instrument.estimate.tables import decimal_comma, read_texts
 from simgrab.instrument.read import Hoist, consistent
 from simgrab.instrument.rope import bridged
@@ -29,17 +29,16 @@ DATA, DESCRIPTION = "data.csv", ".toml"
 MOST_ROWS = 2_000_000  # 55 hours at 10 Hz
 UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
-    "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048,
-    "deg": math.pi / 180, "rad": 1.0,
+    "deg": math.pi / 180, "rad": 1.0, **LENGTHS,
     "m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704,
 }  # fmt: skip
-LENGTHS, ANGLES, SPEEDS = ("m", "dm", "cm", "mm", "ft"), ("deg", "rad"), ("m/s", "km/h", "kn", "mph")
-LONGEST_M = 200.0
+ANGLES, SPEEDS = ("deg", "rad"), ("m/s", "km/h", "kn", "mph")
+LEAST_ROPE_M, LONGEST_M = 0.5, 200.0  # a grab's centre hangs lower than that below the exit, whatever its rope
 _USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
 # Lowest and highest value and the greatest speed of any such crane, with much to spare, and the unit.
 _LIMITS = {
     "slew": (-1e5, 1e5, 0.5, "rad"), "radius": (0.0, LONGEST_M, 2.0, "m"), "luff": (-0.2, 1.6, 0.2, "rad"),
-    "rope": (0.0, LONGEST_M, 3.0, "m"), "wind": (-0.1, 80.0, 30.0, "m/s"),
+    "rope": (LEAST_ROPE_M, LONGEST_M, 3.0, "m"), "wind": (-0.1, 80.0, 30.0, "m/s"),
 }  # fmt: skip
 _MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
 DAY_S = 86_400.0
@@ -262,6 +261,8 @@ def read_controller(
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
         joined[holes + 1 + np.arange(len(holes))] = np.nan
         found |= {name: joined, f"{name}_sd": sd}
+    if facts.rope is not None:
+        found["rope_unit"] = facts.rope.unit
     if facts.time.start is None:
         found["clock_from"] = f"its description without time.start: the first frame is at 0 of {facts.time.column!r}"
     return Controller(grid, **found, clock_sd_s=facts.time.clock_sd_s, notes=tuple(notes))
@@ -308,6 +309,13 @@ def _rows(path: Path, table: pa.Table, clock: ClockColumn, notes: list[str]) -> 
         start = _moment(str(clock.start or EPOCH))
         time, bad = _parsed(path, table, clock.column, lambda text: (_moment(text) - start).total_seconds())
         cure = "; dates such as 2026-03-02T08:15:00 are needed"
+        first = str(table[clock.column][int(np.isfinite(time).argmax())])
+        if isinstance(clock.start, str) and np.isfinite(time).any() and _zoned(first) != _zoned(clock.start):
+            one, other = ("has a", "without") if _zoned(clock.start) else ("has no", "with")
+            raise RecordError(
+                f"{path}: time.start, {clock.start}, {one} time zone, and column {clock.column!r} begins {other} one, "
+                f"{first}: write time.start as the column has it"
+            )
     else:
         time, bad = _parsed(path, table, clock.column, float)
         time, passes = _past_midnight(time * UNITS[clock.unit], float(clock.start or 0.0) * UNITS[clock.unit])
@@ -397,12 +405,17 @@ def _of_commas(table: pa.Table, name: str, bad: Bad) -> str:
 
 
 def _moment(text: str) -> datetime:
-    """Read a date with a time; one without a zone is taken for UTC, in ``start`` and the column alike."""
+    """Read a date with a time; one without a zone is taken for UTC."""
     try:
         found = datetime.fromisoformat(text.strip())
     except ValueError:
         raise RecordError(f"start: must be such as 2026-03-02T08:15:00, got {shown(text)}") from None
     return found if found.tzinfo else found.replace(tzinfo=UTC)
+
+
+def _zoned(text: str) -> bool:
+    """Whether a date with a time states its zone."""
+    return datetime.fromisoformat(text.strip()).tzinfo is not None
 
 
 def _past_midnight(time: Array, start: float) -> tuple[Array, bool]:

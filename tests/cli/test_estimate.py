@@ -70,13 +70,25 @@ def test_a_controllers_data_take_the_place_of_the_column(quantity, estimator, tm
     assert found["warnings"][-1].startswith(said)
     assert sum("rope.constant_m is not stated" in warning for warning in found["warnings"]) == 1
     if quantity == "rope":
-        late = table["time_s"] > time[-1] + 0.1  # frames without a length lose their pixel
-        blank = {
-            name: ["" if gone else one for gone, one in zip(late, table[name], strict=True)]
-            for name in ("u_px", "v_px")
-        }
-        own = call(write(tmp_path / "own.csv", table | blank), *given, "--estimator", estimator)
+        late = table["time_s"] > time[-1] + 0.1
+        assert [alpha is None for alpha in found["alpha_deg"]] == late.tolist()
+        own = {name: column[~late] for name, column in table.items()}
+        own = call(write(tmp_path / "own.csv", own), *given, "--estimator", estimator)
         assert found["beta_deg"] == pytest.approx(json.loads(own.stdout)["beta_deg"])
+
+
+def test_motion_beyond_the_controllers_data_is_left_out_as_in_a_run(tmp_path, camera, table):
+    """Its rope and slewing cover the first half of the record alone."""
+    time = np.arange(-20, 60) / 10
+    write(tmp_path / "crane.csv", {"t": time, "rope": np.full(len(time), 20.0), "slew": np.zeros(len(time))})
+    about = {"time": {"column": "t", "clock_sd_s": 0.1}}
+    about |= {name: {"column": name, "rate_hz": 10.0, "resolution": 0.01} for name in ("rope", "slew")}
+    (tmp_path / "crane.toml").write_text(tomli_w.dumps(about))
+    bare = write(tmp_path / "bare.csv", {name: table[name] for name in ("u_px", "v_px", "time_s")})
+    result = call(bare, "--camera", camera, "--json", "--plc", tmp_path / "crane.csv", "--figure", tmp_path / "a.png")
+    found = json.loads(result.stdout)
+    assert found["status"] == "ok", found["reason"]
+    assert [alpha is None for alpha in found["alpha_deg"]] == (table["time_s"] > time[-1] + 0.1).tolist()
 
 
 def test_a_refusal_has_an_exit_status(tmp_path, camera, table):

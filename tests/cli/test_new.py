@@ -1,5 +1,6 @@
 """`simgrab new` writes scenes that load, show what data sheets say, and states what it assumed."""
 
+import itertools
 import math
 
 import numpy as np
@@ -15,6 +16,8 @@ from simgrab.judge.check import suite
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.scenario import Hold
+from simgrab.world.scenery.plan import draw_up
+from simgrab.world.trajectory.clip import ClipMotion
 
 LENSES = [(name, mm) for name, (_, _, lenses) in _lenses.CAMERAS.items() for mm in lenses]
 
@@ -45,6 +48,23 @@ def test_a_camera_spans_the_field_of_view_of_its_data_sheet(name, mm, tmp_path):
     assert tan(across) == pytest.approx(tan(lenses[mm][0]), rel=1e-3)
     assert up == pytest.approx(lenses[mm][1], abs=1.6)  # rounded to 1° on the sheet, and k1 to k3 of a wide lens
     assert scene.vary["camera.focal.focal_length_px"].low < scene.camera.focal.focal_length_px
+
+
+def test_none_is_an_answer_where_it_is_the_default(tmp_path):
+    none, _ = new(tmp_path / "a.toml", "--camera", "none", "--fov", "None")
+    assert none.to_dict() | {"name": ""} == new(tmp_path / "b.toml")[0].to_dict() | {"name": ""}
+    assert run("new", tmp_path / "c.toml", "--yes", "--grab", "none")[0] == 2
+
+
+def test_an_option_without_effect_is_named(tmp_path):
+    listed = ["--camera", "2143", "--lens", 4]
+    scene, out = new(tmp_path / "a.toml", *listed, "--sensor", "1/1.8")
+    f_px = scene.camera.focal.focal_length_px
+    assert f"a focal length of {f_px:.0f} px, as Hikvision DS-2CD2143G2-I" in out
+    assert "as IMX347, 4 mm, would have 1379 px" in out
+    assert "no effect beside" not in out
+    assert "--sensor: no effect beside --camera" in new(tmp_path / "b.toml", "--camera", 2143, "--sensor", "1/3")[1]
+    assert "--lens: no effect beside --fov" in new(tmp_path / "c.toml", "--fov", 80, "--lens", 4)[1]
 
 
 def test_a_lens_without_distortion_is_a_pinhole():
@@ -103,6 +123,19 @@ def test_a_working_crane_moves_within_its_ropes(tmp_path):
     assert (scene.swing.work.dig_rope_m, scene.swing.work.carry_rope_m, scene.clip.frame_rate_hz) == (22, 8, 9)
 
 
+def test_a_working_crane_stays_clear_of_pile_and_hopper(tmp_path):
+    options = ["--fixed", "--motion", "cycles", "--height", 35, "--grab", "scissors", "--volume", 20]
+    new(tmp_path / "a.toml", *options, "--ropes", "21.9..28.4")
+    changes = {"clip.clip_frames": 150, "clip.frame_rate_hz": 1.0, "frames": 150}
+    for seed in range(2):
+        moved = scenes.load(tmp_path / "a.toml", changes | {"seed": seed})
+        plan = draw_up(moved)
+        for moment in itertools.islice(ClipMotion(moved, 0), 150):
+            plan.check_clearance(moment, moment.grab.jib_from_grab.apply(plan.grab_points(moment.grab)))
+    assert run("new", tmp_path / "b.toml", "--yes", *options, "--ropes", "21.9..28.6")[0] == 2
+    assert run("new", tmp_path / "b.toml", "--yes", *options, "--ropes", "22.1..28.4")[0] == 2
+
+
 def test_a_fixed_scene_suits_a_suite_and_varies_its_weather_alone(tmp_path):
     def place(name, *options):
         new(tmp_path / f"{name}.toml", "--fixed", *options)
@@ -121,7 +154,7 @@ def test_a_fixed_scene_suits_a_suite_and_varies_its_weather_alone(tmp_path):
 def test_wind_carries_the_rain_and_pushes_the_grab(tmp_path):
     scene, out = new(tmp_path / "a.toml", "--wind", 12, "--weather", "rain")
     assert (scene.weather.wind_m_s, scene.weather.rain_mm_h) == (12, 8)
-    assert "2 degrees, whatever the wind;" in out
+    assert "2 degrees, whatever the wind, which carries rain, snow and dust alone;" in out
     scene, _ = new(tmp_path / "b.toml", "--wind", "12 m/s", "--motion", "cycles", "--light", "both")
     assert scene.swing.wind.mean_m_s == 12
     (moods,) = (factor for key, factor in scene.vary.items() if "weather" in key)
@@ -144,7 +177,8 @@ def test_wind_carries_the_rain_and_pushes_the_grab(tmp_path):
         (["--weather", "hail"], "dust"),
         (["--wind", "gale"], "0 to 40"),
         (["--size", "64x64", "--fov", 60], "focal_length_px"),
-        (["--motion", "cycles", "--ropes", "8..30"], "25 m"),
+        (["--motion", "cycles", "--ropes", "8..24"], "22.2 m lower it on the pile"),
+        (["--motion", "cycles", "--ropes", "17..22"], "15.7 m carry this grab over the hopper"),
     ],
 )
 def test_nonsense_is_refused_and_writes_nothing(options, word, tmp_path):

@@ -222,7 +222,7 @@ REFUSED_ROWS = {
     "text": (cell("slew", 9, "n/a"), "slew, column 'slew': 1 of 600 readings refused, the first in row 10: not a num"),
     "nothing": (cell("rope", 9, ""), "rope, column 'rope': 1 of 600 cells are empty"),
     "infinity": (cell("radius", 9, "inf"), "radius, column 'radius': 1 of 600 readings refused"),
-    "a length that no rope has": (cell("rope", 9, "6553.5"), "the first in row 10: not between 0 and 200 m"),
+    "a length that no rope has": (cell("rope", 9, "6553.5"), "the first in row 10: not between 0.5 and 200 m"),
     "a length that the hoist cannot reach": (cell("rope", 9, "40"), "the first in row 10: faster than 3 m/s"),
 }
 
@@ -243,7 +243,10 @@ REFUSED = {
     "a column less": (lambda c: c, {"rope": quantity("hoist", "m")}, None, "'hoist' is missing; there are: 't, slew"),
     "centimetres for metres": (
         column("rope", lambda _c: texts(100 * ROPE)), {}, None,
-        "600 of 600 readings refused, the first in row 1: not between 0 and 200 m; 1722.11 would be plausible in cm:",
+        "600 of 600 readings refused, the first in row 1: not between 0.5 and 200 m; 1722.11 would be plausible in cm:",
+    ),
+    "metres for centimetres": (
+        lambda c: c, {"rope": quantity("rope", "cm")}, None, "; 17.2211 would be plausible in m or ft: see rope.unit",
     ),
     "radians for degrees": (lambda c: c, {"slew": quantity("slew", "rad")}, None, "is slew.unit right?"),
     "kilometres an hour": (
@@ -257,10 +260,14 @@ REFUSED = {
         column("rope", lambda _c: [f'"{text}"'.replace(".", ",") for text in texts(ROPE)]), {}, None,
         "600 of 600 readings refused, the first in row 1: not a number; write decimals with a point",
     ),
-    "semicolons": (lambda c: c, {}, "t;slew;radius;rope\n0,1;5,0;22,5;15,2\n", "must be separated by commas"),
     "times of day as texts": (
         column("t", lambda _c: ["08:15:00"] * 600), {"time": {"column": "t", "unit": "iso", "start": "2026-03-02"}},
         None, "not a time; dates such as 2026-03-02T08:15:00 are needed",
+    ),
+    "a zone in start alone": (
+        column("t", lambda _c: [f"{START + timedelta(seconds=t):%Y-%m-%dT%H:%M:%S.%f}" for t in TIME.tolist()]),
+        {"time": {"column": "t", "unit": "iso", "start": "2026-03-02T08:15:00Z"}}, None,
+        "2026-03-02T08:15:00Z, has a time zone, and column 't' begins without one, 2026-03-02T08:15:00.000000: write",
     ),
     "one row": (lambda c: {name: cells[:1] for name, cells in c.items()}, {}, None, "1 rows; at least 2"),
     "nothing": (lambda c: c, {}, "", "the file is empty"),
@@ -290,6 +297,20 @@ def test_hostile_files_are_one_line(tmp_path, what):
         read_controller(path)
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+def test_a_file_of_a_spreadsheet_is_read(tmp_path, encoding):
+    """Semicolons, decimal commas, a degree sign and a BOM or Windows-1252."""
+    path = plain(tmp_path, **{"slew": quantity("slew °", "deg")})
+    expected = read_controller(plain(tmp_path))
+    path.with_suffix(".toml").write_text(tomli_w.dumps(tables_of(path) | {"slew": quantity("slew °", "deg")}), "utf-8")
+    text = path.read_text(encoding="utf-8").replace("slew", "slew °").replace(",", ";").replace(".", ",")
+    path.write_bytes(text.encode("utf-8-sig" if encoding == "utf-8" else encoding))
+    found = read_controller(path)
+    for name in ("time", "slew", "rope"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert found.notes == expected.notes
 
 
 def tables_of(path):
@@ -367,9 +388,10 @@ def test_another_record_is_refused():
     frames = np.arange(5, 50, 1 / 9)
     with pytest.raises(RecordError, match=r"does not follow the display's: they differ by \d\.\d m"):
         clock_offset(reading(), frames, 30 - displayed(frames, 0.5))
-    for unit, factor in (("feet, not metres", 0.3048), ("metres, not feet", 1 / 0.3048), ("decimetres, not", 0.1)):
-        with pytest.raises(RecordError, match=rf"they follow as {unit}.*: see rope\.unit"):
-            clock_offset(reading(rope=ROPE / factor), frames, displayed(frames, 0.5))
+    for stated, true in (("m", "ft"), ("ft", "m"), ("cm", "m"), ("mm", "cm"), ("m", "dm")):
+        wrong = dataclasses.replace(reading(rope=ROPE * PER[stated] / PER[true]), rope_unit=stated)
+        with pytest.raises(RecordError, match=rf"they follow in {true}, not {stated}: see rope\.unit"):
+            clock_offset(wrong, frames, displayed(frames, 0.5))
     with pytest.raises(RecordError, match=r"is it another record\?"):  # a display that hardly moves fits any factor
         clock_offset(reading(rope=15 + (ROPE - 15) / 2), frames, 15 + 0.1 * np.sin(frames))
     with pytest.raises(RecordError, match=r"no time in common: 0\.0 to 59\.9 s and 100\.0 to .* time\.start"):
@@ -399,7 +421,7 @@ def test_the_controllers_rope_replaces_a_display():
     about = _controller(pipeline, found)
     assert about["notes"] == ["one row refused"]
     assert (about["clock_offset_s"], about["clock_by_motion_s"]) == (0.0, None)
-    later = dataclasses.replace(found.estimate, diagnostics={"clock_s": 0.4})  # 0.4 s late
+    later = dataclasses.replace(found.estimate, diagnostics={"clock_s": -0.4})  # 0.4 s late
     assert _controller(pipeline, dataclasses.replace(found, estimate=later))["clock_by_motion_s"] == -0.4
     with pytest.raises(RunError, match="follow each other in time"):
         pipeline.conclude([msgspec.structs.replace(s, time_s=None) for s in blind], camera)
@@ -414,7 +436,7 @@ def test_the_rope_is_that_of_the_clock_that_the_swing_shows():
     series = [np.interp(late, crane.time, of) for of in (*crane.jib.T, crane.rope)]
     data = Controller(late + 1.5, *series, 1e-4, 0.003, 0.003, clock_sd_s=1.0)
     found = Pipeline(nobody, None, controller=data).conclude(blind, camera)
-    assert found.estimate.diagnostics["clock_s"] == pytest.approx(1.5, abs=0.05)
+    assert found.estimate.diagnostics["clock_s"] == pytest.approx(-1.5, abs=0.05)
     used = np.array([m.rope_length_m for m in found.measurements])
     np.testing.assert_allclose(used, crane.rope, atol=0.1)
     np.testing.assert_array_equal(used, found.arrays.rope.length)

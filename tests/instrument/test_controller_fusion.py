@@ -97,7 +97,7 @@ def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount, lag_
     low, high = found.interval("posterior").alpha.T
     assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.8
     assert np.degrees(np.median(high - low)) < 2
-    assert found.diagnostics["clock_s"] == pytest.approx(lag_s, abs=0.15)
+    assert found.diagnostics["clock_s"] == pytest.approx(-lag_s, abs=0.15)
     assert found.diagnostics["follows"] == pytest.approx(float(mount == "levelled"), abs=0.1)
     assert np.degrees(found.diagnostics["pitch_per_m"]) == pytest.approx(2.0 * (mount == "rigid"), abs=0.2)
 

@@ -148,6 +148,9 @@ def test_a_live_run_writes_the_same_files(clip, tmp_path):
     given = Pipeline(Oracle(truth_of(clip)), Reader(), tilt=tilt)
     live = run(clip, clip.with_suffix(".camera.toml"), tmp_path / "given", given, RunOptions(live=True))
     np.testing.assert_allclose(live.alpha, whole.alpha, atol=1e-6)
+    facts = dict(held(live))
+    assert "lean of the grab in steady wind" in facts["95 % intervals"]
+    assert facts["warning"] == dict(held(whole))["warning"]
     assert (tmp_path / "given" / "annotated.mp4").exists()
 
 
@@ -388,6 +391,8 @@ INSTRUMENTS = {
     "early": (lambda one, frames, known: one(itertools.islice(frames, 4), known), RunError, "4 measurements of 9"),
     "short": (lambda one, frames, known: one(frames, known)[1:], RunError, "8 measurements of 9 frames"),
     "unlucky": (unlucky, InstrumentError, r"zero: FileNotFoundError: .*weights\.onnx"),
+    "numpy": (lambda *_: np.linalg.inv(np.zeros((2, 2))), InstrumentError, r"zero: LinAlg.*test_run\.py, line \d+\);"),
+    "python": (lambda *_: json.loads("{"), InstrumentError, r"zero: JSONDec.*test_run\.py, line \d+\);"),
 }
 
 
@@ -469,6 +474,7 @@ def test_a_run_states_what_it_assumed_and_what_its_intervals_owe_to_that(found, 
     ends = np.rad2deg([(m.alpha_low, m.alpha_high) for m in result.measurements if m.alpha_low is not None])
     assert assumed["width_deg"] == pytest.approx(np.mean(ends[:, 1] - ends[:, 0]))
     assert dict(held(result))["95 % intervals"] == assumed["text"]
+    assert "errors of up to 2° that no 95 % interval here includes" in dict(held(result))["warning"]
 
     def again(estimator=None, **changes):
         camera = msgspec.structs.replace(result.calibration, **changes)

@@ -13,7 +13,7 @@ from simgrab.judge.check.trial import Trial
 
 
 def recorded(values, labels=None):
-    return Recorded("digest", labels or tuple(f"labels {i}" for i in range(len(values))), {"rmse": tuple(values)})
+    return Recorded("digest", labels or tuple(f"labels {i}" for i in range(len(values))), {"rmse": tuple(values)}, {})
 
 
 def failures(rng, seeds, metrics, worse=0.0, checks=1500):
@@ -100,3 +100,6 @@ def test_a_metric_fails_by_its_limit_and_by_the_baseline_alike():
     assert verdict.status == "failed"
     assert "misses the limit ≤ 2" in verdict.message
     assert "worse than the baseline's 1 on the same frames" in verdict.message
+    for value, side in ((3.0, "above"), (-2.0, "below")):  # of a bias neither way is worse
+        (both,) = verdicts.of_trial("x", Trial(Set(), {"rmse": value}), {"rmse": Limit(-5.0, 5.0)}, past, 1)
+        assert f"is {side} the baseline's 1 on the same frames" in both.message

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import html
 import itertools
 import json
 import re
@@ -21,15 +22,16 @@ import tomli_w
 from answers import Answers
 from browser import needs_chromium, shown
 from click.testing import CliRunner
-from faults import FAULTS, sound
+from faults import FAULTS, LongLens, sound
 
 import simgrab
 from simgrab.cli import cli
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Measurement
+from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, table, trial, verdicts
-from simgrab.judge.check.causes import causes
+from simgrab.judge.check.causes import _of_angles, causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.records.observations import Detection
@@ -124,7 +126,8 @@ def test_another_seed_is_compared_with_the_spread_over_seeds(place):
     ("changes", "reason"),
     [
         ({"name": "other"}, "suite 'small'"),
-        ({"seed": 1}, "scenes.swing was recorded as"),
+        ({"seed": 1}, "scenes.swing.seed was recorded with another value"),
+        ({"changes": SUITE["changes"] | {"camera.beta_deg": 6.0}}, "scenes.swing.camera.beta_deg was recorded with"),
         ({"scenes": {"swing": SUITE["scenes"]["swing"], "more": {"scene": "quay-day", "frames": 2}}}, "scenes.more"),
         ({"limits": SUITE["limits"] | {"detection.recall": {"lower": 0}}}, "detection.recall was not recorded"),
     ],
@@ -254,6 +257,12 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     assert "2 of 3 checks failed" in text
     assert "missed (&lt;no grab&gt;)" in text
     assert text.count("<img") == 5  # the largest errors, and the frame without an angle
+    stated = html.unescape(page.page(check(place)))
+    assert re.search(
+        r"cover the true angle in \d+% of the frames that have one; 95 % is stated\. The pipeline's", stated
+    )
+    assert re.search(r"tilt is \d\.\d\d° with an azimuth of \d+°; the best constant one is 5\.00° .* 40°\.", stated)
+    assert "Pictures are reduced to a width of 640 px" in text
     off = [float(error) for error in re.findall(r"<figcaption>.*error ([+-][\d.]+)°", text)]
     assert len(off) == 4
     assert off == sorted(off, reverse=True)
@@ -318,11 +327,63 @@ def test_angles_converted_twice_are_named(place):
     assert "converted from degrees to radians twice" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
 
 
+def test_angles_in_degrees_are_named():
+    true = np.linspace(0.1, 1.4, 20)
+    (said,) = _of_angles(np.rad2deg(true), true)
+    assert "57.30 times the true one, as if it were in degrees" in said
+
+
 def test_a_factor_is_named_rather_than_an_offset(place):
     (scene,) = check(place, Times(sound(place / "cache"), 0.5)).scenes.values()
     why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
     assert "the measured angle is 0.50 times the true one. Without it the RMSE would be 0.1" in why
     assert "offset" not in why
+
+
+@dataclasses.dataclass
+class LongRope:
+    """Adds 8 m to the rope lengths of the sound pipeline, and computes with them."""
+
+    pipeline: Pipeline
+    name: str = "long rope"
+
+    def __call__(self, frames, calibration):
+        record = self.pipeline.record(frames, calibration).measurements
+        centres = np.array([m.centre for m in record])
+        lengths = np.array([m.rope_length_m for m in record]) + 8.0
+        alphas = RopeAware().estimate(centres, calibration, rope_length=lengths).alpha
+        for m, alpha, length in zip(record, alphas.tolist(), lengths.tolist(), strict=True):
+            yield msgspec.structs.replace(m, alpha=alpha, alpha_low=None, alpha_high=None, rope_length_m=length)
+
+
+@dataclasses.dataclass
+class Late:
+    """Gives each frame the angle of two frames before."""
+
+    pipeline: Pipeline
+    name: str = "late"
+
+    def __call__(self, frames, calibration):
+        record = self.pipeline.record(frames, calibration).measurements
+        return [msgspec.structs.replace(m, centre=None, box=None) for m in (*record[-2:], *record[:-2])]
+
+
+def test_a_mistake_is_named_only_where_the_check_would_pass_without_it(place, tmp_path):
+    def why(instrument, metric, upper):
+        tight = suite.load(write(tmp_path, limits={metric: {"upper": upper}}))
+        (scene,) = gate.check(tight, options(place, instrument, baseline=None)).scenes.values()
+        return scene.causes
+
+    long = dataclasses.replace(sound(place / "cache"), estimator=LongLens(times=1.3))
+    cases = (
+        (Late(sound(place / "cache")), "angle.overall.rmse_deg", 0.3, 0.01, "those of 2 frames before theirs"),
+        (long, "angle.overall.rmse_deg", 0.3, 0.1, "focal length of 5"),
+        (LongRope(sound(place / "cache")), "angle.overall.rmse_deg", 0.25, 0.1, "Rope lengths are 8.0"),
+        (LongRope(sound(place / "cache")), "reading.length.p95_m", 0.1, 1e-6, "Rope lengths are 8.0"),
+    )
+    for instrument, metric, upper, too_low, text in cases:
+        assert text in why(instrument, metric, upper)
+        assert text not in why(instrument, metric, too_low)
 
 
 @dataclasses.dataclass
@@ -467,7 +528,7 @@ ACTS = {
     "gives a sure danger": (outputs(danger=1.5), "frame 0: danger"),
     "gives an interval upside down": (outputs(alpha_low=0.2, alpha_high=0.1), "alpha_low: 0.2 rad is above"),
     "gives one number of two": (outputs(rope_text="0615"), "got '0615'"),
-    "gives degrees": (outputs(alpha=5.0), "5 rad is beyond"),
+    "gives degrees": (outputs(alpha=5.0), "5 rad is beyond the horizontal; angles are in radians"),
     "gives a box upside down": (outputs(box=(1.0, 9.0, 5.0, 4.0)), "y0 < y1 are required"),
     "gives a bad box": (outputs(box=(1.0, 2.0)), "frame 0: box"),
 }
@@ -651,6 +712,12 @@ def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypat
     assert shell("--instrument", "pipelines:sound", *record) == (0, "")
     assert said[0] == f"recorded over 1 seed in {tmp_path / 'new'}"
     assert all(": warning: " in line for line in said[1:])
+
+
+def test_what_few_seeds_allow_is_said(place, tmp_path):
+    small = suite.load(place / "small.toml")
+    result = gate.record(small, options(place, sound, baseline=tmp_path), seeds=2)
+    assert result.of_suite[1].startswith("on other frames a figure may be worse by 1949 standard deviations")
 
 
 def test_the_command_fails_with_status_1(shell, tmp_path):

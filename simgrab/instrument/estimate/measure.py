@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from simgrab.errors import RecordError, first_line
 from simgrab.instrument import alarm
@@ -148,7 +148,7 @@ def measure(
     if controller is not None:
         record, controller, clock = _on_its_clock(record, controller)
     kind = informed(kind, controller, record.pixel_sd, record.time)
-    present = int(np.isfinite(record.pixels).all(axis=-1).sum())
+    present = int(np.isfinite(_usable(record, kind)[0].pixels).all(axis=-1).sum())
     if present < kind.parameters:
         raise RecordError(
             f"{path}: {present} of {len(record.pixels)} rows have a pixel; {kind.name} needs at least "
@@ -158,7 +158,7 @@ def measure(
     if (moved := by_swing(controller, kind, found)) is not None:
         record = _with_rope(read, moved)
         found = _estimated(kind, record, calibration)
-    why = doubt(kind, record, calibration, found)
+    why = doubt(kind, _usable(record, kind)[0], calibration, found)
     if not found.ok:
         found, why = replace(found, reason="; ".join(filter(None, [found.reason, why]))), ""
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
@@ -167,16 +167,36 @@ def measure(
     late = found.diagnostics.get("clock_s") if by_motion else None
     notes: tuple[str, ...] = ()
     if controller is not None and clock is not None:
-        shown = None if late is None else clock.offset_s - late
+        shown = None if late is None else clock.offset_s + late
         said = in_words(clock.offset_s, clock.interval_s, clock.source, shown)
         notes = (*controller.notes, clock.note, f"controller's clock: {said}")
     return EstimatedRecord(record, calibration, found, tuple(filter(None, (*notes, *warnings, far, why))))
 
 
+def _usable(record: PixelRecord, estimator: Estimator) -> tuple[PixelRecord, NDArray[np.bool_]]:
+    """Return the rows that an estimator can use, as in a run: those with a rope length, if it needs one; and which."""
+    length = record.rope_length if estimator.needs_rope else None
+    some = np.ones(len(record.pixels), bool) if length is None else np.isfinite(length)
+    time = None if record.time is None else record.time[some]
+    return PixelRecord(record.pixels[some], None if length is None else length[some], time, record.pixel_sd[some]), some
+
+
 def _estimated(estimator: Estimator, record: PixelRecord, calibration: Calibration) -> Estimate:
-    return estimator.estimate(
-        record.pixels, calibration, rope_length=record.rope_length, time=record.time, pixel_sd=record.pixel_sd
+    """Estimate from the usable rows; others get an α of NaN."""
+    part, some = _usable(record, estimator)
+    found = estimator.estimate(
+        part.pixels, calibration, rope_length=part.rope_length, time=part.time, pixel_sd=part.pixel_sd
     )
+
+    def whole(of_some: Array | None) -> Array | None:
+        if of_some is None:
+            return None
+        full = np.full((len(some), *of_some.shape[1:]), np.nan)
+        full[some] = of_some
+        return full
+
+    intervals = tuple(replace(one, alpha=whole(one.alpha)) for one in found.intervals)
+    return replace(found, alpha=whole(found.alpha), intervals=intervals)
 
 
 def by_swing(controller: Controller | None, estimator: Estimator, estimate: Estimate) -> Controller | None:
@@ -184,7 +204,7 @@ def by_swing(controller: Controller | None, estimator: Estimator, estimate: Esti
     late = None if estimator.needs_imu else estimate.diagnostics.get("clock_s")
     if late is None or controller is None or controller.rope is None:
         return None
-    moved = controller.shifted(ClockOffset(-float(late), controller.clock_sd_s, "the swing"))
+    moved = controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
     change = np.abs(moved.rope_at(controller.time) - controller.rope)
     return moved if np.nanmax(change) > LEAST_CHANGE_M else None
 
@@ -209,7 +229,7 @@ def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Arra
 
 
 def _on_its_clock(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, Controller, ClockOffset]:
-    """Put a controller on a record's clock, and take its rope's lengths; frames without one lose their pixel."""
+    """Put a controller on a record's clock, and take its rope's lengths."""
     assert record.time is not None
     display = np.full(len(record.time), np.nan) if record.rope_length is None else record.rope_length
     clock = clock_offset(controller, record.time, display)
@@ -218,15 +238,13 @@ def _on_its_clock(record: PixelRecord, controller: Controller) -> tuple[PixelRec
 
 
 def _with_rope(record: PixelRecord, controller: Controller) -> PixelRecord:
-    """Take the controller's lengths, and the record's own where it has none; frames without any lose their pixel."""
+    """Take the controller's lengths, and the record's own where it has none; NaN where neither has one."""
     assert record.time is not None
     length = controller.rope_at(record.time)
     length = length if record.rope_length is None else np.where(np.isfinite(length), length, record.rope_length)
-    known = np.isfinite(length)
-    if not known.any():
+    if not np.isfinite(length).any():
         raise RecordError("the controller's data and the frames have no time in common")
-    length = np.interp(record.time, record.time[known], length[known])
-    return replace(record, pixels=np.where(known[:, None], record.pixels, np.nan), rope_length=length)
+    return replace(record, rope_length=length)
 
 
 def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:
@@ -237,7 +255,7 @@ def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) ->
             return ()
         effect = "looks like tilt"
     else:
-        shortest = float(record.rope_length.min())
+        shortest = float(np.nanmin(record.rope_length))
         angle = np.arctan2(across, shortest)
         if angle <= _LEAST_TILT:
             return ()

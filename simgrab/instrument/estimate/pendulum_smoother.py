@@ -117,7 +117,7 @@ class PendulumSmoother(PathEstimator):
     Frames without a pixel get an α too. σ describes this record; only its blocks show how well it represents other
     records. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (slow forcing, rad per axis),
     ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``outliers`` (frames that lost nine tenths of their weight).
-    With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` (the controller's clock minus that of
+    With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` (by which its clock is behind that of
     the pictures), of the camera ``follows`` (share of apparent gravity, 1 if it levels itself and 0 if not),
     ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad), ``not_free`` (share of the record
     in which the grab does not swing freely: digging), ``cost`` (minus the logarithm of the likelihood), and, with a
@@ -295,7 +295,7 @@ def _of_jib(found: PendulumFit) -> dict[str, float]:
         "wind": float(np.hypot(*p[WIND])),
         "longer_m": p[LONGER],
         "reach_m": p[REACH],
-        "clock_s": p[CLOCK],
+        "clock_s": -p[CLOCK],
         "follows": p[FOLLOWS],
         "levelling_hz": np.exp(p[FREQUENCY]) / (2 * np.pi),
         "levelling_damping": np.exp(p[LEVELLING]),

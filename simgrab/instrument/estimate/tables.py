@@ -6,11 +6,13 @@ import codecs
 import itertools
 import re
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.csv
 
 from simgrab.errors import RecordError, first_line
@@ -160,7 +162,11 @@ def decimal_comma(cell: str) -> str:
 
 
 def parsed_csv(content: bytes, path: Path, needed: str) -> pa.Table:
-    """Parse the content of a CSV file as `read_texts` does."""
+    """Parse the content of a CSV file as `read_texts` does.
+
+    Columns are separated by commas, or by semicolons, of which decimals may have commas. Text is UTF-8 or else
+    Windows-1252.
+    """
     content = content.removeprefix(codecs.BOM_UTF8)
     header = content[: MOST_HEADER_BYTES + 1].splitlines()[:1]
     if not header or not header[0].strip():
@@ -170,20 +176,32 @@ def parsed_csv(content: bytes, path: Path, needed: str) -> pa.Table:
             f"{cannot(path)}: its first line is not a header: it is longer than {MOST_HEADER_BYTES} bytes"
         )
     try:
-        names = [name.strip().strip('"') for name in header[0].decode().split(",")]
-        if ";" in names[0]:
-            raise RecordError(f"{path}: columns must be separated by commas, not by ;, with points for decimals")
+        separator = ";" if b";" in header[0].partition(b",")[0] else ","
+        names = [name.strip().strip('"') for name in header[0].decode().split(separator)]
         options = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()))
         reading = pa.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
-        parsing = pa.csv.ParseOptions(newlines_in_values=True)  # of a file's name, e.g.
-        return pa.csv.read_csv(pa.BufferReader(content), reading, parsing, options)
+        parsing = pa.csv.ParseOptions(delimiter=separator, newlines_in_values=True)  # of a file's name, e.g.
+        found = pa.csv.read_csv(pa.BufferReader(content), reading, parsing, options)
+        return found if separator == "," else _with_points(found)
     except MemoryError:  # pyarrow's is one of its own exceptions as well
         raise
     except (UnicodeDecodeError, pa.ArrowException) as problem:
         if "Empty CSV" in str(problem):
             return pa.table({name: pa.array([], pa.string()) for name in names})
+        if ("UTF8" in str(problem) or isinstance(problem, UnicodeDecodeError)) and b"\0" not in content:
+            with suppress(UnicodeDecodeError):
+                return parsed_csv(content.decode("cp1252").encode(), path, needed)
         cure = "; decimals need points, not commas" if "columns, got" in str(problem) else ""
         raise RecordError(f"{cannot(path)}: {first_line(problem)}{cure}") from None
+
+
+def _with_points(table: pa.Table) -> pa.Table:
+    """Write the decimals of texts that are numbers with a point."""
+    columns = [
+        pa.compute.replace_substring_regex(column, r"^(\s*[+-]?\d*),(\d+(?:[eE][+-]?\d+)?\s*)$", r"\1.\2")
+        for column in table.columns
+    ]
+    return pa.table(columns, table.column_names)
 
 
 def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:

@@ -18,6 +18,10 @@ from simgrab.model.geometry import Array
 
 ROPE_M = 20.0  # of an example
 LEAST_BOXES = 40
+LEANS = (  # by 1.89° at most in the 44 s of docs/tutorials/levelled-camera.md
+    "unless the camera is fixed, it leans as the crane moves: errors of up to 2° that no 95 % interval here includes; "
+    "--plc or --imu measures the lean"
+)
 MOST_ERROR = 0.08  # of the longest rope, where the shortest is far shorter
 _TEXTS = {
     "focal_length_px": "focal length {0.focal_length_px:g} px (1 % more makes every angle 1 % smaller)",
@@ -33,6 +37,8 @@ def assumptions(
     tilt: Known | None,
     instrument: Instrument,
     measured: Sequence[Measurement],
+    *,
+    timed: bool = False,
 ) -> dict[str, Any]:
     """List assumed inputs, and compute the part of the intervals that the camera's offset causes.
 
@@ -42,7 +48,13 @@ def assumptions(
         ``inputs``: keys of the camera file that were assumed; ``width_deg``: mean width of the 95 % intervals of α;
         ``offset_deg``: by how much it would be less if the offset were known exactly, for a tilt of the whole record;
         else both are None. ``text``: both in one line. ``beyond``: estimates that contradict what was stated, a line.
+        ``leans``: that a camera may lean as the crane moves, a line; empty where that is measured, and without time.
     """
+    used = None if record is None else record.estimator
+    if record is None and isinstance(instrument, Pipeline):  # a live run
+        used = instrument.chosen(camera, live=True)
+    intervals = any(m.alpha_low is not None for m in measured)
+    leans = timed and intervals and used is not None and not moving(used)
     width, owed = _widths(camera, record, instrument) or (None, None)
     x, y, z = camera.offset_m
     offset = f"camera offset ({x:g}, {y:g}, {z:g}) ± {camera.offset_sd_m:g} m"
@@ -53,19 +65,16 @@ def assumptions(
     if tilt is not None and tilt.offset_m is None:
         angle = math.degrees(math.atan2(camera.offset_sd_m, ROPE_M))
         outside.insert(0, f"{offset} ({angle:.1f}° on {ROPE_M:g} m of rope)")
-    if record is not None and record.arrays.time is not None:
-        if not moving(record.estimator):
-            outside.append("lean of the camera as the crane moves")
-        if record.estimator is not None and not record.estimator.intervals.wind_m_s:
-            outside.append("lean of the grab in steady wind")
-    if not any(m.alpha_low is not None for m in measured):
+    if timed and used is not None and not used.intervals.wind_m_s:
+        outside.append("lean of the grab in steady wind")
+    if not intervals:
         parts = ["none: the record does not determine them"] if any(m.alpha is not None for m in measured) else []
     elif outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
-    used = None if record is None else record.estimator
     by_motion = moving(used) and not (used is not None and used.needs_imu)
     far = "" if tilt is None else far_offset(tilt.offset_m, camera, by_motion=by_motion)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
+            "leans": LEANS if leans else "",
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured)]))}  # fmt: skip
 
 

@@ -336,7 +336,7 @@ def _conclude(
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
         "estimate": None if estimate is None else estimate_json(estimate),
         "tilt": None if tilt is None else msgspec.to_builtins(tilt),
-        "assumed": assumptions(calibration, record, tilt, instrument, measurements),
+        "assumed": assumptions(calibration, record, tilt, instrument, measurements, timed=time_s is not None),
         "above_10_deg": alarm.share(*np.array([(m.alpha, m.alpha_low, m.alpha_high) for m in measurements], float).T),
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
@@ -358,7 +358,7 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
         by_motion = record.estimate.diagnostics.get("clock_s")
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
-        "clock_by_motion_s": None if by_motion is None else clock.offset_s - by_motion,
+        "clock_by_motion_s": None if by_motion is None else clock.offset_s + by_motion,
         "display_minus_controller_m": clock.difference_m,
         "notes": [*controller.notes, *filter(None, [clock.note, record.doubt if record is not None else ""])],
     }  # fmt: skip

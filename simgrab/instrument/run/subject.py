@@ -213,9 +213,14 @@ def _notes(problem: BaseException) -> str:
 
 
 def _where(problem: BaseException) -> str:
-    """Innermost line outside of simgrab and of Python's own importing."""
+    """Innermost line in the folder of what simgrab called: not in a package that it uses."""
     steps = [step for step in traceback.extract_tb(problem.__traceback__) if not _inside(step.filename)]
-    return f" ({steps[-1].filename}, line {steps[-1].lineno})" if steps else ""
+    own = [step for step in steps if _beside(Path(step.filename), Path(steps[0].filename).parent)]
+    return f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
+
+
+def _beside(file: Path, folder: Path) -> bool:
+    return file.is_relative_to(folder) and "site-packages" not in file.relative_to(folder).parts
 
 
 def _inside(file: str) -> bool:

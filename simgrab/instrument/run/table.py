@@ -89,6 +89,8 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
     owed = run.about.get("assumed", {}).get("text")
     rows += [("95 % intervals", owed)] if owed else []
+    leans = run.about.get("assumed", {}).get("leans")
+    rows += [("warning", leans)] if leans else []
     beyond = run.about.get("assumed", {}).get("beyond")
     rows += [("contradicts the camera file", beyond)] if beyond else []
     above = run.about.get("above_10_deg", {})

@@ -13,7 +13,7 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -21,10 +21,13 @@ from scipy import stats
 
 from simgrab._version import __version__
 from simgrab.errors import SuiteError
+from simgrab.io.journal import differences
 from simgrab.io.parse import read_json
 from simgrab.io.strict import convert
 from simgrab.judge.check.suite import Limit, Suite
 from simgrab.judge.check.trial import Trial
+from simgrab.model.scenario import Scenario
+from simgrab.model.scenario.whole import difference
 
 FILE = "baseline.json"
 FALSE_FAILURES = 1e-3  # of a whole check, for an instrument that is what it was
@@ -40,11 +43,14 @@ class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     labels : tuple of R str
         Digests of the datasets' labels, and through them of their pictures.
     metrics : dict of str to tuple of R floats or None
+    scenario : dict
+        The keys that are not as by default, to name those that differ later.
     """
 
     digest: str
     labels: tuple[str, ...]
     metrics: dict[str, tuple[float | None, ...]]
+    scenario: dict[str, Any]
 
 
 class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -78,8 +84,12 @@ def compose(suite: Suite, instrument: str, seeds: tuple[int, ...], trials: Mappi
     for name, of_scene in trials.items():
         metrics = {key: tuple(one.metrics.get(key) for one in of_scene) for key in suite.limits_of(name)}
         labels = tuple(one.dataset.data.labels_sha256 for one in of_scene)
-        scenes[name] = Recorded(suite.digest(name), labels, metrics)
+        scenes[name] = Recorded(suite.digest(name), labels, metrics, _stated(suite, name))
     return Baseline(suite.name, instrument, version(), seeds, scenes)
+
+
+def _stated(suite: Suite, name: str) -> dict[str, Any]:
+    return difference(Scenario().to_dict(), suite.scenario(name).to_dict())
 
 
 def load(folder: Path) -> Baseline | None:
@@ -115,7 +125,9 @@ def stale(baseline: Baseline, suite: Suite, instrument: str) -> list[str]:
         if recorded is None:
             reasons.append(f"scenes.{name} was not recorded")
         elif recorded.digest != suite.digest(name):
-            reasons.append(f"scenes.{name} was recorded as {recorded.digest[:12]}, and is {suite.digest(name)[:12]}")
+            place = f"scenes.{name}"
+            keys = differences({place: recorded.scenario}, {place: _stated(suite, name)})
+            reasons.append(f"{keys or f'a default of {place}'} was recorded with another value")
         elif missing := [key for key in suite.limits_of(name) if key not in recorded.metrics]:
             reasons.append(f"scenes.{name}: {', '.join(missing)} was not recorded")
     return reasons
@@ -166,9 +178,13 @@ def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, compar
     known = np.array([v for v in values if v is not None])
     if len(known) < 2:
         return None
-    quantile = float(stats.t.isf(FALSE_FAILURES / comparisons, len(known) - 1))
-    spread = quantile * float(known.std(ddof=1)) * math.sqrt(1 + 1 / len(known))
+    spread = deviations(len(known), comparisons) * float(known.std(ddof=1))
     return Reference(float(known.mean()), least + spread, False)
+
+
+def deviations(seeds: int, comparisons: int) -> float:
+    """How many standard deviations over so many seeds a metric of other frames may lie from their mean."""
+    return float(stats.t.isf(FALSE_FAILURES / comparisons, seeds - 1)) * math.sqrt(1 + 1 / seeds)
 
 
 def ends(suite: Suite) -> int:

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from simgrab.instrument.run.runs import Run, reasons
-from simgrab.judge.check.trial import Trial
-from simgrab.judge.evaluate.budget import of_centres, of_tilt
+from simgrab.judge.check.mistakes import likely, of_rope
+from simgrab.judge.check.trial import Metrics, Trial, flat
+from simgrab.judge.evaluate.budget import of_centres, of_tilt, with_lengths
+from simgrab.judge.evaluate.swings import angles
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array
 
 _LISTED = 4  # frames at most
 
 
-def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> Iterator[str]:
+def causes(
+    trial: Trial,
+    failed: Sequence[str],
+    *,
+    compared: bool = False,
+    meets: Callable[[Metrics], bool] = lambda _: True,
+) -> Iterator[str]:
     """State in sentences what the errors of a scene consist of; nothing where the instrument failed.
 
     Parameters
@@ -26,6 +34,8 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
         Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did.
     compared : bool
         Whether one of them has a baseline.
+    meets : callable
+        Whether these would pass with other values of some metrics. A mistake is named only if they would without it.
     """
     if trial.run is None or trial.known is None or trial.evaluation is None:
         return
@@ -43,13 +53,36 @@ def causes(trial: Trial, failed: Sequence[str], *, compared: bool = False) -> It
     if any(what.startswith("detection.centre") for what in failed) and trial.centres:
         worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
         yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
+    yield from _of_lengths(run, trial.known, meets)
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)
     if both.any():
         measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
-        yield from _of_angles(measured, swing)
+        mistake = likely(run.alpha, true, trial.known.rows, run.time)
+        if mistake and meets(_metrics(true + mistake.left, trial.known)):
+            rmse = _rms(measured - swing)
+            yield f"{mistake.text}. Otherwise the RMSE would be {np.rad2deg(mistake.rms):.2f}° instead of {rmse:.2f}°."
+        else:
+            yield from _of_angles(measured, swing)
         yield from _of_stages(trial, run, trial.known, _rms(measured - swing), float(swing.std()), compared=compared)
+
+
+def _of_lengths(run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:
+    """Name a factor or constant of rope lengths without which their figures, or those of the angle, would pass."""
+    read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+    mistake = of_rope(read, known.rope_length)
+    if mistake is None:
+        return
+    off = np.abs(mistake.left[np.isfinite(mistake.left)])
+    figures = {"median_m": np.median(off), "p95_m": np.quantile(off, 0.95), "max_m": off.max()}
+    rests = meets({f"reading.length.{name}": float(value) for name, value in figures.items()})
+    if rests or [meets(_metrics(with_lengths(run, known, rope), known)) for rope in ("read", "true")] == [False, True]:
+        yield f"{mistake.text}, but for {np.rint(100 * mistake.rms):.0f} cm."
+
+
+def _metrics(alpha: Array, known: Truths) -> Metrics:
+    return flat({"angle": angles(alpha, known.alpha, known.rope_length, known.weather)})
 
 
 def _rms(values: Array) -> float:
@@ -71,7 +104,11 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
     scaled, moved = _rms(factor * measured - true), _rms(measured - true - bias)
     without = f"Without it the RMSE would be {min(scaled, moved):.2f}° instead of {rmse:.2f}°."
     if factor > 0 and scaled < min(moved, rmse) / 2:
-        yield f"Most of the error is a factor: the measured angle is {1 / factor:.2f} times the true one. {without}"
+        degrees = ", as if it were in degrees" if 0.9 < math.degrees(factor) < 1.1 else ""
+        yield (
+            f"Most of the error is a factor: the measured angle is {1 / factor:.2f} times the true one{degrees}. "
+            f"{without}"
+        )
     elif bias**2 > rmse**2 / 2:
         yield (
             f"Most of the error is an offset: on average, the measured angle is {abs(bias):.2f}° too "

@@ -26,6 +26,7 @@ from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial
 from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
+FEW_SEEDS = 5  # below which the baseline hardly tests other frames
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,10 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
                 notes.append(f"{name}: warning: not met with seed {seed}: {', '.join(beyond)}")
         scenes[name] = replace(first, seconds=time.perf_counter() - begun, notes=tuple(notes))
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
-    done = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
+    done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
+    if 1 < len(several) < FEW_SEEDS:
+        allowed = base.deviations(len(several), base.ends(suite))
+        done += (f"on other frames a figure may be worse by {allowed:.0f} standard deviations: record more --seeds",)
     return Report(suite.name, instrument.name, suite.seed, (), done, scenes)
 
 
@@ -224,7 +228,7 @@ def judged(
     if met := lax(verdicts, limits):
         passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
         notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
-    return Outcome(verdicts, found.metrics, 0.0, notes=tuple(notes), trial=found)
+    return Outcome(verdicts, found.metrics, 0.0, notes=tuple(notes), trial=found, limits=limits)
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: CheckOptions) -> Dataset:

@@ -17,6 +17,7 @@ from simgrab.judge.check.table import cells
 from simgrab.judge.check.trial import Trial
 from simgrab.judge.check.verdicts import Verdict
 from simgrab.judge.check.worst import WorstFrame
+from simgrab.judge.evaluate.budget import of_tilt
 from simgrab.judge.evaluate.page import chain, trace
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import grab_centre, swing_of
@@ -48,6 +49,7 @@ def page(report: Report) -> str:
         report=report,
         failures=[(anchor(v.scene), v, _MEANINGS.get(v.what, "")) for v in failures],
         general=_table(report.general),
+        tile_px=preview.TILE_WIDTH,
         scenes=[_scene(name, outcome) for name, outcome in report.scenes.items()],
     )
 
@@ -63,10 +65,22 @@ def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
         "causes": outcome.causes,
         "table": _table(outcome.verdicts),
         "trace": trace(trial.run, trial.known) if trial and trial.run and trial.known else None,
+        "stated": _stated(trial) if trial else "",
         "worst": list(_drawn(trial, outcome.worst)) if trial else [],
         "budget": None if budget is None else chain(budget),
         "golden": [(file, _golden(picture)) for file, picture in outcome.pictures.items()],
     }
+
+
+def _stated(trial: Trial) -> str:
+    """State how often intervals cover the truth, and the tilt beside the true one, where the pipeline states them."""
+    share, found = trial.metrics.get("interval.share"), []
+    if share is not None:
+        found.append(f"The intervals cover the true angle in {share:.0%} of the frames that have one; 95 % is stated.")
+    if trial.run and trial.known and (tilt := of_tilt(trial.run, trial.known)):
+        own, true = (f"{one.beta_deg:.2f}° with an azimuth of {one.tilt_azimuth_deg:.0f}°" for one in tilt[:2])
+        found.append(f"The pipeline's tilt is {own}; the best constant one is {true}.")
+    return " ".join(found)
 
 
 def _table(verdicts: Sequence[Verdict]) -> dict[str, Any]:

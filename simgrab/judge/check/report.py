@@ -18,8 +18,9 @@ from simgrab.io.destination import writing
 from simgrab.io.files import write
 from simgrab.io.parse import read_json
 from simgrab.judge.check.causes import causes
+from simgrab.judge.check.suite import Limit
 from simgrab.judge.check.trial import Metrics, Trial
-from simgrab.judge.check.verdicts import Verdict
+from simgrab.judge.check.verdicts import Verdict, passes
 from simgrab.judge.check.worst import WorstFrame, worst_frames
 
 RESULT, JUNIT, PAGE, PICTURES = "check.json", "junit.xml", "check.html", "golden"
@@ -42,6 +43,8 @@ class Outcome:
         Missing references, and limits that a constant answer meets.
     trial : Trial or None
         What was measured, for the page.
+    limits : mapping of str to Limit
+        By which the metrics were judged.
     """
 
     verdicts: tuple[Verdict, ...]
@@ -50,6 +53,7 @@ class Outcome:
     pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     trial: Trial | None = None
+    limits: Mapping[str, Limit] = field(default_factory=dict)
 
     @cached_property
     def causes(self) -> str:
@@ -58,7 +62,12 @@ class Outcome:
         if self.trial is None or not failed:
             return ""
         compared = any(verdict.reference is not None for verdict in failed)
-        return " ".join(causes(self.trial, [verdict.what for verdict in failed], compared=compared))
+        return " ".join(causes(self.trial, [verdict.what for verdict in failed], compared=compared, meets=self.meets))
+
+    def meets(self, metrics: Metrics) -> bool:
+        """Whether all failed verdicts on these metrics, one at least, would pass with them."""
+        failed = [one for one in self.verdicts if one.status == "failed" and one.what in metrics]
+        return bool(failed) and all(passes(one, metrics[one.what], self.limits[one.what]) for one in failed)
 
     @cached_property
     def worst(self) -> list[WorstFrame]:

@@ -85,6 +85,14 @@ def of_trial(
     return result
 
 
+def passes(verdict: Verdict, value: float | None, limit: Limit) -> bool:
+    """Whether another value of a verdict's metric would pass: the limit, and what the baseline allows."""
+    if value is None or not limit.holds(value):
+        return False
+    past = verdict.reference, verdict.allowed
+    return past[0] is None or past[1] is None or Reference(past[0], past[1], same_frames=True).holds(value, limit)
+
+
 def lax(verdicts: Sequence[Verdict], limits: Mapping[str, Limit]) -> list[Verdict]:
     """Return the verdicts on errors of the angle whose limits a constant answer meets.
 
@@ -124,7 +132,8 @@ def _of_metric(scene: str, metric: str, trial: Trial, limit: Limit, past: Refere
         if past and not past.holds(value, limit):
             of = "on the same frames" if past.same_frames else "over other seeds"
             more = f"{round(past.allowed, 8):.2g}"  # a slack of 0 is 0, whatever rounding adds
-            problems.append(f"{value:.4g} is worse than the baseline's {past.value:.4g} {of} by more than {more}")
+            how = "worse than" if None in (limit.lower, limit.upper) else "below" if value < past.value else "above"
+            problems.append(f"{value:.4g} is {how} the baseline's {past.value:.4g} {of} by more than {more}")
     return Verdict(
         scene=scene, what=metric, status="failed" if problems else "passed", value=value, limit=str(limit),
         reference=past.value if past else None, allowed=past.allowed if past else None, message="; ".join(problems),

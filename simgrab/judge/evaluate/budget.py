@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -209,6 +209,15 @@ def of_tilt(run: Run, known: Truths) -> Tilts | None:
     pairs = (own, run.alpha[parts.some]), (other, parts.alpha)
     unlike, rmse = (errors(*pair)["rmse_deg"] for pair in pairs)
     return None if unlike is None or rmse is None else Tilts(used, true, unlike, rmse)
+
+
+def with_lengths(run: Run, known: Truths, rope: Literal["true", "read"]) -> Array:
+    """Return swings (n,), rad, that follow from a run's centres and true or read lengths; NaN where one lacks."""
+    parts, alpha = _Parts.of(run, known), np.full(len(run.measurements), np.nan)
+    if parts is not None:
+        stage = BudgetStage("", "estimated", "nominal", rope, "detected")
+        alpha[parts.some] = parts.swing(stage, RopeAware())[1]
+    return alpha
 
 
 def of_centres(run: Run, known: Truths) -> float:

@@ -190,6 +190,13 @@ class Design:
         )  # fmt: skip
 
     @cached_property
+    def depth_m(self) -> float:
+        """How far the grab reaches below A, at most, m."""
+        openings = [self.frames(jaw) for jaw in np.linspace(0.0, self.max_jaw, 7)]
+        points = [trimesh.transform_points(b.steel.vertices, at[b.name]) for at in openings for b in self.bodies]
+        return -min(float(of_body[:, 2].min()) for of_body in points)
+
+    @cached_property
     def cd_a_m2(self) -> float:
         """Drag coefficient times the area that the closed grab shows to the wind, the mean over all directions, m²."""
         if self.drag_area_m2 is not None:

@@ -27,6 +27,7 @@ from simgrab.world.scenery.textures import load
 
 HALF = 3.2  # half width of the mouth, metres
 RIM = 7.8
+TOP_M = RIM + 1.2  # of the dust shields
 NECK = 3.4
 PAINTS = ((0.38, 0.35, 0.24), (0.29, 0.33, 0.36), (0.29, 0.32, 0.30), (0.36, 0.35, 0.33))
 
@@ -72,7 +73,7 @@ def _rim() -> list[trimesh.Trimesh]:
         solids.append(box((-out, low, RIM - 0.22), (out, high, RIM + 0.03)))
         solids.append(box((low, -edge + 0.09, RIM - 0.22), (high, edge - 0.09, RIM + 0.03)))
         foot, top, wide = sign * (edge + 0.05), sign * (edge + 0.60), edge + 0.3
-        corners = np.array([(foot, -edge, RIM), (foot, edge, RIM), (top, wide, RIM + 1.2), (top, -wide, RIM + 1.2)])
+        corners = np.array([(foot, -edge, RIM), (foot, edge, RIM), (top, wide, TOP_M), (top, -wide, TOP_M)])
         thick = np.array([0.04 * sign, 0, -0.02])
         ring = corners if sign > 0 else corners[::-1]
         solids.append(loft([ring, ring + thick]))

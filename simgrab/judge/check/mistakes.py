@@ -1,0 +1,114 @@
+"""Which single mistake of a pipeline would explain the errors of its angles, told by the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from simgrab.model.geometry import Array, Pose
+from simgrab.model.truth import Row
+
+MOST_LATE, FEWEST = 50, 10  # frames
+FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for radians is far from them
+CLEARLY = 1.2  # times the next best explanation's error
+ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must leave at most
+
+
+class Mistake(NamedTuple):
+    """What explains errors of angles, or nothing that has a name, and the errors (n,), rad, that it leaves."""
+
+    text: str
+    left: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of what it leaves, rad; infinite for too few frames."""
+        known = np.isfinite(self.left)
+        return float(np.sqrt(np.mean(self.left[known] ** 2))) if known.sum() >= min(FEWEST, len(known)) else math.inf
+
+
+def likely(measured: Array, true: Array, rows: Sequence[Row | None], time: Array | None) -> Mistake | None:
+    """Find the mistake that leaves the least errors: at most half of them, and clearly less than any other.
+
+    Parameters
+    ----------
+    measured, true : ndarray, shape (n,)
+        Swing, rad, in the order of the frames; NaN where it is not known.
+    rows : sequence of n Row or None
+    time : ndarray, shape (n,), or None
+        s; None for independent frames.
+    """
+    known = np.flatnonzero(np.isfinite(measured) & np.isfinite(true)).tolist()
+    some = [row for row in (rows[i] for i in known) if row is not None]
+    if len(some) < FEWEST:
+        return None
+    found = [_late(measured, true, time)]
+    for one in _of_geometry(measured[known], true[known], some):
+        left = np.full(len(true), np.nan)
+        left[known] = one.left
+        found.append(Mistake(one.text, left))
+    best, second, *_ = sorted(found, key=lambda one: one.rms)
+    as_it_is = Mistake("", measured - true).rms
+    return best if best.text and best.rms < min(as_it_is / 2, second.rms / CLEARLY) else None
+
+
+def _late(measured: Array, true: Array, time: Array | None) -> Mistake:
+    """Compare with the truth of other frames."""
+    most, found = min(MOST_LATE, len(true) // 3), dict[int, Mistake]()
+    for n in (*range(-most, 0), *range(1, most + 1)):
+        of_others = np.roll(true, n)
+        of_others[slice(n) if n > 0 else slice(n, None)] = np.nan
+        found[n] = Mistake("", measured - of_others)
+    n = min(found, key=lambda n: found[n].rms)
+    seconds = "" if time is None else f" ({abs(n) * float(np.median(np.diff(time))):.2f} s)"
+    frames = f"{abs(n)} frame{'s' * (abs(n) > 1)}{seconds}"
+    return found[n]._replace(text=f"The measured angles are those of {frames} {'before' if n > 0 else 'after'} theirs")
+
+
+def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mistake]:
+    """Explain by a focal length, with a tilt that follows it or that is right, and by a tilt or a constant."""
+    camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
+    grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
+    swing, ray, axis = _level(grab), _level(grab - camera.translation), camera.rotation[:, :2, 2]
+
+    def fitted(predict: Callable[[Array], Array], start: Sequence[float]) -> tuple[Array, Array]:
+        x = least_squares(lambda x: predict(x) - measured, start).x
+        return x, measured - predict(x)
+
+    def of(offset: Array) -> Array:
+        return np.arcsin(np.clip(np.linalg.norm(swing + offset, axis=1), 0, 1))
+
+    f_px, found = rows[0].fx_px, []
+    for (factor,), left in (
+        fitted(lambda x: np.arctan(x[0] * np.tan(true)), [1.0]),
+        fitted(lambda x: of((x[0] - 1) * (ray - axis)), [1.0]),
+    ):
+        focal = f"The angles are as with a focal length of {f_px / max(factor, 1e-9):.0f} px in place of {f_px:.0f} px"
+        found.append(Mistake(focal if FOCAL[0] < factor < FOCAL[1] else "", left))
+    best = min(found, key=lambda one: one.rms)
+    _, tilted = fitted(of, [1e-3, 1e-3])
+    return [best, Mistake("", tilted), Mistake("", measured - true - np.mean(measured - true))]
+
+
+def _level(vectors: Array) -> Array:
+    """Horizontal components of the directions of vectors (n, 3)."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))[:, :2]
+
+
+def of_rope(read: Array, true: Array) -> Mistake | None:
+    r"""Find by which factor or constant the lengths \|OA\| (n,), m, that a pipeline outputs err; None if by neither."""
+    known = np.isfinite(read) & np.isfinite(true)
+    if known.sum() < FEWEST:
+        return None
+    factor, constant = float(np.median(read[known] / true[known])), float(np.median((read - true)[known]))
+    side = "long" if constant > 0 else "short"
+    found = (
+        Mistake(f"Rope lengths are {factor:.3g} times the true ones", read / (factor or 1.0) - true),
+        Mistake(f"Rope lengths are {abs(constant):.2f} m too {side}", read - constant - true),
+    )
+    best = min(found, key=lambda one: one.rms)
+    return best if best.rms < ROPE_SHARE * Mistake("", read - true).rms else None

@@ -1,0 +1,93 @@
+"""The mistake that explains angles is named, and none is where the angles are right."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from simgrab.judge.check import suite
+from simgrab.judge.check.mistakes import likely, of_rope
+from simgrab.world.extensions import Recipe
+from simgrab.world.trajectory.trajectory import Trajectory
+
+SCENES = [(name, scene) for name in suite.names() for scene in suite.load(name).scenes]
+FRAMES = 48
+
+
+def truth(name, scene, frames=FRAMES):
+    """Rows of a suite's scene, of which every fourth frame is taken, and the true swing, rad, shape (n,)."""
+    scenario = suite.load(name).scenario(scene)
+    recipe, rows, moves, number = Recipe(scenario), [], None, None
+    for frame in range(0, min(scenario.frames, 4 * frames), 4 if scenario.frames >= 4 * frames else 1):
+        if number != recipe.variant_number(frame):
+            number, variant = recipe.variant_number(frame), recipe.variant(frame)
+            moves = Trajectory(variant.scenario, recipe.extensions)
+        moment, camera = moves.at(frame), variant.scenario.camera
+        rows.append(SimpleNamespace(
+            alpha=moment.grab.alpha, fx_px=camera.intrinsics.f_px,
+            jib_from_grab=np.asarray(moment.grab.jib_from_grab)[:3].ravel(),
+            jib_from_camera=np.column_stack([moment.tilt.jib_from_camera, camera.offset_m]).ravel(),
+        ))  # fmt: skip
+    return rows, np.array([row.alpha for row in rows])
+
+
+def leaning(rows, deg):
+    """Swings of a pipeline whose vertical leans outboard."""
+    grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
+    level = grab / np.linalg.norm(grab, axis=1, keepdims=True) + [np.deg2rad(deg), 0, 0]
+    return np.arcsin(np.linalg.norm(level[:, :2], axis=1))
+
+
+@pytest.mark.parametrize(("name", "scene"), SCENES)
+def test_no_mistake_is_named_where_there_is_none(name, scene):
+    rows, true = truth(name, scene)
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0, np.deg2rad(0.3), len(true))
+        for measured in (true, leaning(rows, 3.0), leaning(rows, -3.0), true + np.deg2rad(0.4)):
+            assert likely(np.abs(measured + noise), true, rows, None) is None
+    lengths = np.random.default_rng(0).normal(20, 4, FRAMES)
+    assert of_rope(lengths + np.random.default_rng(1).normal(0, 0.1, FRAMES), lengths) is None
+    assert of_rope(lengths, lengths) is None
+
+
+@pytest.mark.parametrize("late", [-2, 1, 5])
+def test_a_delay_is_named(late):
+    rows, true = truth("offset", "beside")
+    found = likely(np.roll(true, late), true, rows, 0.5 * np.arange(len(true)))
+    frames = f"{abs(late)} frame{'s' * (abs(late) > 1)} ({abs(late) / 2:.2f} s)"
+    assert found.text == f"The measured angles are those of {frames} {'before' if late > 0 else 'after'} theirs"
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+@pytest.mark.parametrize("tilt", ["follows", "known"])
+def test_a_focal_length_is_named(tilt, factor):
+    rows, true = truth("weather", "calm")
+    grab, camera = (
+        np.reshape([getattr(row, name) for row in rows], (-1, 3, 4)) for name in ("jib_from_grab", "jib_from_camera")
+    )
+    axis = camera[..., 2]
+    ray = grab[..., 3] - camera[..., 3]
+    level = np.cross(axis, np.cross(ray, axis)) / np.sum(ray * axis, axis=1, keepdims=True)  # on the image plane
+    wrong = axis + level * factor
+    wrong /= np.linalg.norm(wrong, axis=1, keepdims=True)
+    swing = grab[..., 3] / np.linalg.norm(grab[..., 3], axis=1, keepdims=True)
+    swing = swing + wrong - ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    known = np.arctan2(np.linalg.norm(swing[:, :2], axis=1), -swing[:, 2])
+    measured = known if tilt == "known" else np.arctan(factor * np.tan(true))
+    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.02), len(true))
+    found = likely(measured + noise, true, rows, None)
+    f_px = float(found.text.removeprefix("The angles are as with a focal length of ").partition(" px")[0])
+    assert f_px == pytest.approx(rows[0].fx_px / factor, rel=0.02)
+    assert np.rad2deg(found.rms) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("read", "text"),
+    [
+        (lambda m: 100 * m, "Rope lengths are 100 times the true ones"),
+        (lambda m: m - 3.0, "Rope lengths are 3.00 m too short"),
+    ],
+)
+def test_lengths_off_by_a_factor_or_a_constant_are_named(read, text):
+    lengths = np.random.default_rng(0).normal(20, 4, FRAMES)
+    assert of_rope(read(lengths) + np.random.default_rng(1).normal(0, 0.05, FRAMES), lengths).text == text
