@@ -114,6 +114,14 @@ class Pipeline:
     feed: ControllerFeed | None = None
     intervals: IntervalSettings = WORKING
 
+    def __post_init__(self) -> None:
+        """Refuse an estimator of another kind."""
+        if self.estimator is not None and not isinstance(self.estimator, Estimator):
+            raise RunError(
+                f"estimator: {type(self.estimator).__name__} does not derive from simgrab's Estimator; "
+                "use it in an instrument of your own (docs/own-pipeline.md)"
+            )
+
     @property
     def name(self) -> str:
         """Name in reports."""

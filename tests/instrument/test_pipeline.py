@@ -232,6 +232,14 @@ def test_a_live_record_takes_the_controllers_rope(crane):
     assert live[-1].tilt.estimator == "rope-aware"
 
 
+def test_an_estimator_of_another_kind_is_refused():
+    class Upright:
+        def estimate(self, pixels, calibration, *, rope_length, time): ...
+
+    with pytest.raises(RunError, match=r"^estimator: Upright does not derive from .* in an instrument of your own"):
+        made(estimator=Upright())
+
+
 def test_a_live_record_uses_the_wind_that_the_controller_reports(crane):
     few = crane.observations(1.0)[:200]
 

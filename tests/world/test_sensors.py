@@ -299,6 +299,12 @@ def test_encoders_count_what_the_crane_does():
     assert np.abs(off - slope * true - zero).max() < 0.005
 
 
+def test_a_column_that_the_truth_lacks_is_named_beside_those_that_it_has():
+    hoist = simgrab.sensors(scene(BUSY, frames=2, hoist={"model": "hoist-encoder"}))["hoist"]
+    with pytest.raises(KeyError, match=r"no column 'alpha \[deg\]'; there are: time \[s\], rope_length \[m\]"):
+        hoist.true("alpha [deg]")
+
+
 def test_a_controller_stamps_late_and_loses_stretches():
     exact = {"model": "controller", "jitter_s": 0.0, "clock_offset_ms": 0.0, "clock_drift_ppm": 0.0, "lag_s": 0.25}
     loses = {"model": "controller", "dropout": 0.3, "dropout_s": 0.7, "jitter_s": 0.2}

@@ -42,7 +42,7 @@ class Estimating(Protocol):
         rope_length : ndarray, shape (n,)
             \|OA\|, m.
         time : ndarray, shape (n,), or None
-            Seconds; None for independent frames.
+            Seconds; None in rendered studies of independent frames.
         """
 
 

@@ -52,7 +52,9 @@ class Recording:
     body_from_sensor: Array | None
 
     def true(self, column: str) -> Array:
-        """Return a column of the truth, shape (n,)."""
+        """Return a column of the truth, shape (n,); raises KeyError with the names of all."""
+        if column not in self.truth_columns:
+            raise KeyError(f"no column {column!r}; there are: {', '.join(self.truth_columns)}")
         return self.truth[:, self.truth_columns.index(column)]
 
 

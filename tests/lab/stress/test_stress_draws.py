@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from stress_runs import small
 
+from simgrab.errors import StressError
 from simgrab.lab.stress import geometric, swings
 from simgrab.lab.stress.axes import AXES
 from simgrab.lab.stress.laws import LAWS
@@ -162,3 +163,10 @@ def test_axes_say_what_they_are():
     for axis in AXES.values():
         assert axis.description
         assert axis.name == axis.name.lower()
+
+
+def test_physics_that_varies_nothing_has_no_replications():
+    study = msgspec.structs.replace(small("mount", n=10), given={"motion": "free-swing"})
+    assert swings.draw(situation(study, ("fixed",)), Draws(0, [0], 10)).alpha.shape == (1, 10)
+    with pytest.raises(StressError, match="'free-swing' varies nothing: each replication would be the same record"):
+        swings.draw(situation(study, ("fixed",)), Draws(0, [0, 1], 10))
