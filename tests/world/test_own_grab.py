@@ -308,7 +308,7 @@ def test_equal_files_of_two_names_keep_their_names(files, tmp_path):
     for name in ("a.stl", "z.stl"):
         (tmp_path / name).write_bytes(files["stl"].read_bytes())
     grabs = [{"model": "mesh", "file": str(tmp_path / name)} for name in ("a.stl", "z.stl")]
-    changes = {"frames": 1, "swing.clamp": True}
+    changes = {"frames": 1, "swing.clamp": True, "place": {"model": "plain"}}
     first, _ = (scenes.load("quay-day", changes | {"grab": grab}, size=(320, 180)) for grab in grabs)
     render(first, tmp_path / "out", workers=1)
     assert scenes.load(tmp_path / "out" / "manifest.json").grab.file == "a.stl"
