@@ -31,7 +31,7 @@ def test_the_momentum_form_moves_as_the_simulators_vector_form():
 
 @pytest.mark.slow
 def test_less_than_two_periods_of_free_swing_give_the_tilt():
-    found = studies.swinging("free", 24, 15.0, damping=0.005, size_deg=3.0)
+    found = studies.swinging("free", 40, 15.0, damping=0.005, size_deg=3.0)
     assert found.refused == 0
     assert found.rmse <= 0.05
     assert found.others["mean-ray"] > 0.3
