@@ -22,7 +22,7 @@ ROOMS = ("lab", "match", "pages", "training")
 def copy_without(rooms: Collection[str], folder: Path) -> None:
     """Copy the checkout into a folder, without rooms of the package and their tests; what is not code is linked."""
     for name in ("simgrab", "tests"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("*.pyc.*"))  # of other processes
         for room in rooms:
             shutil.rmtree(folder / name / room, ignore_errors=True)
     for path in ROOT.iterdir():

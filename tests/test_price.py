@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
+from conftest import SMALL, as_options
 
 import simgrab
 from simgrab.cli import cli
@@ -66,12 +67,12 @@ def test_a_videos_price_is_its_bit_rate_and_a_process_for_each_clip(monkeypatch,
 
 def test_many_frames_are_priced_before_the_first_and_few_are_not(monkeypatch, tmp_path):
     monkeypatch.setattr(price, "FEW", 3)
-    size = ["render", "quay-day", "--size", "96x64"]
+    small = ["render", "quay-day", *as_options(SMALL)]
     monkeypatch.chdir(tmp_path)
     for output in (["--out", "many"], ["--video", "a.mp4"], ["--video", "b.mp4", "--out", "both"]):
-        many = CliRunner().invoke(cli, [*size, "--frames", "3", *output])
+        many = CliRunner().invoke(cli, [*small, "--frames", "3", *output])
         assert "3 frames: about " in many.output
-    few = CliRunner().invoke(cli, [*size, "--frames", "2", "--out", str(tmp_path / "few")])
+    few = CliRunner().invoke(cli, [*small, "--frames", "2", "--out", str(tmp_path / "few")])
     assert (many.exit_code, few.exit_code) == (0, 0)
     assert "about" not in few.output
 

@@ -115,7 +115,6 @@ def test_a_loose_limit_is_warned_of_and_a_failure_names_its_cause_and_its_page(o
 
 
 SUITE = {
-    "name": "small",
     "instrument": "test_mine:Still",
     "size": "480x270",
     "changes": ast.literal_eval(SMALL.strip()),
@@ -126,18 +125,17 @@ SUITE = {
 
 @pytest.mark.usefixtures("outcomes")  # whose run rendered the record
 def test_a_suite_is_checked_with_its_baseline(tmp_path, cache):
-    (tmp_path / "small.toml").write_text(tomli_w.dumps(SUITE))
+    for name in ("small", "bare"):
+        (tmp_path / f"{name}.toml").write_text(tomli_w.dumps(SUITE | {"name": name}))
     recorded = tmp_path / "baselines" / "small" / "baseline.json"
     recorded.parent.mkdir(parents=True)
     other = {"suite": "other", "instrument": "still", "simgrab": baseline.version(), "seeds": [0], "scenes": {}}
     recorded.write_text(json.dumps(other))
-    found = outcomes_of(tmp_path, OWN + "def test_it(simgrab_check): simgrab_check('small.toml')\n", cache)
+    tests = "def test_it(simgrab_check): simgrab_check('small.toml')\n"
+    tests += "def test_bare(simgrab_check): assert simgrab_check('bare.toml').passed\n"
+    found = outcomes_of(tmp_path, OWN + tests, cache)
     assert "baseline: out of date: recorded for the suite 'other'" in found["test_it"]
-    recorded.unlink()
-    found = outcomes_of(
-        tmp_path, OWN + "def test_it(simgrab_check): assert simgrab_check('small.toml').passed\n", cache
-    )
-    assert found["test_it"] == ""
+    assert found["test_bare"] == ""
     assert "no baseline to compare with" in found[""]
     assert len(list(cache.glob("*/manifest.json"))) == 1
 

@@ -3,11 +3,13 @@
 import json
 import re
 import tomllib
+from collections.abc import Mapping
 
 import msgspec
 import numpy as np
 import pytest
 import tomli_w
+from conftest import slow_but
 from scipy import stats
 
 from simgrab.errors import ScenarioError
@@ -329,13 +331,16 @@ def every_key(kind, prefix=""):
                 yield inner, kinds | stated
 
 
-VARYING = [name for name in scenes.names() if scenes.load(name).vary]
-USUAL = ("training-shapes", "exam-fog-dust")
+def tables_of(scene):
+    """Factors that draw several keys at once: scenes that share them differ in numbers alone."""
+    factors = scenes.load(scene).vary.items()
+    return frozenset(key for key, factor in factors if isinstance(getattr(factor, "values", [0])[0], Mapping))
 
 
-@pytest.mark.parametrize(
-    "scene", [pytest.param(name, marks=[] if name in USUAL else pytest.mark.slow) for name in VARYING]
-)
+VARYING = {tables_of(name): name for name in scenes.names() if scenes.load(name).vary}.values()
+
+
+@pytest.mark.parametrize("scene", slow_but(VARYING, "training-shapes", "exam-fog-dust"))
 def test_no_stated_key_is_drawn_otherwise(scene):
     """All keys of the schema over a scene that varies: each alone, and with the kinds of the tables that it is in."""
     base, refused, kept = msgspec.to_builtins(scenes.load(scene)), 0, 0

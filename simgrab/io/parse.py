@@ -228,13 +228,16 @@ def find_misfit(data: Any, *, finite: bool = False) -> tuple[str, str] | None:
         for key, value in table.items() if isinstance(table, Mapping) else enumerate(table):
             if isinstance(key, str) and not _is_unicode(key):
                 return _dotted((*path, key)), "a key must be UTF-8 text"
-            if isinstance(value, str) and not _is_unicode(value):
-                return _dotted((*path, str(key))), f"must be UTF-8 text, got {shown(value)}"
-            if isinstance(value, int) and not LEAST_INTEGER <= value <= MOST_INTEGER:
-                return _dotted((*path, str(key))), f"an integer must have {_MOST_DIGITS}"
-            if finite and isinstance(value, float) and not math.isfinite(value):
-                return _dotted((*path, str(key))), f"must be a finite number, got {value}"
-            if isinstance(value, Mapping | list | tuple):
+            if isinstance(value, str):
+                if not _is_unicode(value):
+                    return _dotted((*path, str(key))), f"must be UTF-8 text, got {shown(value)}"
+            elif isinstance(value, int):
+                if not LEAST_INTEGER <= value <= MOST_INTEGER:
+                    return _dotted((*path, str(key))), f"an integer must have {_MOST_DIGITS}"
+            elif isinstance(value, float):
+                if finite and not math.isfinite(value):
+                    return _dotted((*path, str(key))), f"must be a finite number, got {value}"
+            elif isinstance(value, (list, tuple, Mapping)):
                 if len(path) >= MOST_LEVELS:
                     return _dotted(path[:4]), _TOO_DEEP
                 left.append((value, (*path, str(key))))
@@ -242,6 +245,8 @@ def find_misfit(data: Any, *, finite: bool = False) -> tuple[str, str] | None:
 
 
 def _is_unicode(text: str) -> bool:
+    if text.isascii():
+        return True
     try:
         text.encode()
     except UnicodeEncodeError:

@@ -145,6 +145,7 @@ def _choices(annotation: Any) -> list[str]:
     return [value for inner in get_args(annotation) for value in _choices(inner)]
 
 
+@functools.cache
 def _structs_of(annotation: Any) -> list[type[msgspec.Struct]]:
     """Return the struct types that an annotation admits."""
     return [kind for kind in _members(annotation) if isinstance(kind, type) and issubclass(kind, msgspec.Struct)]
@@ -182,14 +183,15 @@ def _written_out(data: Mapping[str, Any], kind: type[msgspec.Struct]) -> dict[st
 
 
 def _whole(value: Any, annotation: Any) -> Any:
-    if isinstance(value, Mapping) and get_origin(annotation) is dict:
-        return {key: _whole(inner, get_args(annotation)[1]) for key, inner in value.items()}
-    if isinstance(value, Mapping) and (structs := _structs_of(annotation)):
-        return _written_out(value, chosen) if (chosen := _choose(structs, value)) else value
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
         for struct in _structs_of(annotation):
             if field := getattr(struct, "of_number", ""):
                 return {str(struct.__struct_config__.tag_field): struct.__struct_config__.tag, field: value}
+    elif isinstance(value, Mapping):
+        if get_origin(annotation) is dict:
+            return {key: _whole(inner, get_args(annotation)[1]) for key, inner in value.items()}
+        if (structs := _structs_of(annotation)) and (chosen := _choose(structs, value)):
+            return _written_out(value, chosen)
     return value
 
 

@@ -302,4 +302,4 @@ def local_cluster(nodes: int, cores: int) -> Iterator[str]:
         yield str(cluster.address)
     finally:
         with _own_signals():
-            cluster.shutdown()  # type: ignore[no-untyped-call]
+            cluster.shutdown()

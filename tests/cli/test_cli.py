@@ -340,7 +340,7 @@ def test_doctor_reports_what_libraries_use_of_the_cpu():
         own = {name: value for name, value in os.environ.items() if name not in turned_down}
         return json.loads(subprocess.check_output(command, env=own | environment))
 
-    usual = report()
+    usual = json.loads(run("doctor", "--json")[1])
     turned_down = report(
         NPY_DISABLE_CPU_FEATURES=" ".join(usual["cpu_features"]["numpy"]), LP_NATIVE_VECTOR_WIDTH="128",
         OPENCV_CPU_DISABLE=",".join(usual["cpu_features"]["opencv"]),

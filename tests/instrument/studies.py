@@ -165,7 +165,7 @@ def long_records(
     """Coverage of both kinds of intervals on forced pendulum records, 20 m rope, 4.5 frames a second, σ = 2°."""
     rng = stream(seed, int(minutes), "study.long")
     rope = pendulum.Cycles(20.0, 20.0, 60.0)
-    record = pendulum.forced(rng, records, minutes * 60, rope, np.deg2rad(2.0), damping, fps=4.5, substeps=6)
+    record = pendulum.forced(rng, records, minutes * 60, rope, np.deg2rad(2.0), damping, fps=4.5, substeps=3)
     rotation = camera_rotation(np.deg2rad(5.0), AZIMUTH, 0.0)
     pixels = pendulum.seen(
         rng,

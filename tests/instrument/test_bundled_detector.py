@@ -42,7 +42,7 @@ def test_cards_say_what_the_weights_were_made_of(name):
 def test_a_kind_that_it_was_not_trained_on_is_found():
     """Scissors grabs with unseen paint, cargo and places, at half the size."""
     scene = scenes.load(
-        "exam-family-scissors", {"frames": 4, "clip.clip_frames": 1, "swing.absent": 0.0}, size=(960, 540)
+        "exam-family-scissors", {"frames": 4, "clip.clip_frames": 2, "swing.absent": 0.0}, size=(960, 540)
     )
     looks = detector()
     found = [(looks(frame.rgb), labels.box(frame.truth)) for frame in frames_of(scene, buffers=False)]

@@ -41,7 +41,7 @@ def test_less_than_two_periods_of_free_swing_give_the_tilt():
 
 @pytest.mark.slow
 def test_on_forced_records_it_is_no_worse_than_the_memoryless():
-    found = studies.swinging("forced", 8, 300.0)
+    found = studies.swinging("forced", 4, 300.0)
     assert found.refused == 0
     assert found.rmse <= 1.1 * min(found.others.values())
     assert found.beta_cover >= 0.8

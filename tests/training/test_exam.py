@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import slow_but
 from PIL import Image
 
 from scripts import background_photographs, build_weights, hanging_shapes
@@ -48,8 +47,7 @@ def test_there_is_an_exam_for_each_weather():
     assert not {load(name).seed for name in EXAMS} & learned  # a seed draws the same worlds in any scene
 
 
-@pytest.mark.parametrize("quick", slow_but([False, True], False))
-def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path, monkeypatch):
+def test_what_weights_are_built_of_can_be_drawn(tmp_path, monkeypatch):
     for name in (build_weights.BACKGROUNDS, build_weights.COLLAGES, build_weights.SHAPES, *build_weights.NEGATIVES):
         folder = tmp_path / name
         (folder / "photographs").mkdir(parents=True)
@@ -58,7 +56,7 @@ def test_what_weights_are_built_of_can_be_drawn(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(hanging_shapes, "OWN", 2)
     monkeypatch.setattr(hanging_shapes, "collected", lambda _: [("one", hanging_shapes.plain(stream(0, 0, "shape")))])
     hanging_shapes.prepare(tmp_path / build_weights.SHAPES)
-    for source in SOURCES:
+    for source, quick in product(SOURCES, (False, True)):
         drawn = build_weights.scenario(source, tmp_path, quick=quick)
         assert (drawn.seed, drawn.frames) == (source.seed, source.quick if quick else source.frames)
         for key, names in source.kept.items():

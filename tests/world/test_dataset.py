@@ -1,9 +1,6 @@
 import hashlib
 import json
 import shutil
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -81,19 +78,6 @@ def test_the_summary_states_what_was_drawn_and_how_much_was_clamped(tmp_path):
     assert json.loads((tmp_path / "shards" / "manifest.json").read_text())["clamped"] == counts
 
 
-def test_two_workers_give_the_same_bytes(dataset, scene, tmp_path):
-    render(scene, tmp_path / "two", workers=2)
-    assert digest(tmp_path / "two") == digest(dataset)
-
-
-def test_levels_of_variation_are_the_same_with_two_workers(tmp_path):
-    vary = {key: {"dist": "uniform", "low": 0.2, "high": 1.0} for key in ("grab.wear", "light.sun")}
-    levels = small_scene(frames=6, clip__clip_frames=1, vary=vary, every={"grab": 3}, image__samples=0)
-    for workers in (1, 2):
-        render(levels, tmp_path / str(workers), workers=workers)
-    assert digest(tmp_path / "1") == digest(tmp_path / "2")
-
-
 def test_the_manifest_and_the_command_line_give_the_same_bytes(dataset, tmp_path):
     render(scenes.load(dataset / "manifest.json"), tmp_path / "again")
     assert digest(tmp_path / "again") == digest(dataset)
@@ -108,19 +92,6 @@ def test_a_longer_dataset_begins_with_the_shorter(dataset, scene, tmp_path):
     rows, longer = (pq.read_table(p / "labels.parquet").to_pylist() for p in (dataset, tmp_path / "longer"))
     assert longer[: scene.frames] == rows
     assert all((tmp_path / "longer" / r["file"]).read_bytes() == (dataset / r["file"]).read_bytes() for r in rows)
-
-
-def test_killed_and_resumed_it_ends_the_same(dataset, scene, tmp_path):
-    """Of more kills, of workers and of other commands, see `test_kill_runs`."""
-    out = tmp_path / "killed"
-    command = ("render", "quay-day", *as_options(SMALL), "--out", str(out), "--quiet", "--workers", "1")
-    process = subprocess.Popen([sys.executable, "-m", "simgrab", *command])
-    while process.poll() is None and len(list((out / ".partial" / "rows").glob("*.json"))) < 2:
-        time.sleep(0.005)
-    process.kill()
-    process.wait()
-    render(scene, out, resume=True)
-    assert digest(out) == digest(dataset)
 
 
 def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):

@@ -172,16 +172,18 @@ MANY = [
         ("MUJOCO_EGL_DEVICE_ID", "3"), ("MUJOCO_EGL_DEVICE_ID", "-1"), ("GALLIUM_DRIVER", "none"),
         ("LIBGL_DRIVERS_PATH", "/none"),
     )),
-    *(({name: value}, IGNORED) for name, value in (
-        ("LP_PERF", "no_mipmap,no_depth"), ("DRAW_USE_LLVM", "0"), ("GALLIUM_DDEBUG", "flush"), ("GALLIUM_NOOP", "1"),
-        ("GALLIUM_TESTS", "1"), ("GALLIVM_PERF", "brilinear"), ("LP_NATIVE_VECTOR_WIDTH", "512"),
-        ("MESA_EXTENSION_OVERRIDE", "-GL_ARB_clip_control"), ("MESA_GL_VERSION_OVERRIDE", "2.1"), ("MESA_MVP_DP4", "1"),
-    )),
-    ({"PYOPENGL_ERROR_CHECKING": "0", "PYOPENGL_ERROR_ON_COPY": "1", "PYOPENGL_CONTEXT_CHECKING": "1"}, IGNORED),
-    ({"CUDA_VISIBLE_DEVICES": "", "DISPLAY": ":9", "WAYLAND_DISPLAY": "none", "XDG_SESSION_TYPE": "wayland"}, SAME),
-    ({"EGL_PLATFORM": "x11", "DRI_PRIME": "1", "LP_NUM_THREADS": "many", "LIBGL_ALWAYS_SOFTWARE": "1"}, SAME),
-    ({"MESA_DEBUG": "silent", "MESA_GLSL_VERSION_OVERRIDE": "330", "MESA_GLSL": "nopt", "ST_DEBUG": ""}, SAME),
-    ({"PYOPENGL_USE_ACCELERATE": "0", "PYOPENGL_STORE_POINTERS": "0", "PYOPENGL_ARRAY_SIZE_CHECKING": "0"}, SAME),
+    ({
+        "LP_PERF": "no_mipmap,no_depth", "DRAW_USE_LLVM": "0", "GALLIUM_DDEBUG": "flush", "GALLIUM_NOOP": "1",
+        "GALLIUM_TESTS": "1", "GALLIVM_PERF": "brilinear", "LP_NATIVE_VECTOR_WIDTH": "512", "MESA_MVP_DP4": "1",
+        "MESA_EXTENSION_OVERRIDE": "-GL_ARB_clip_control", "MESA_GL_VERSION_OVERRIDE": "2.1",
+        "PYOPENGL_ERROR_CHECKING": "0", "PYOPENGL_ERROR_ON_COPY": "1", "PYOPENGL_CONTEXT_CHECKING": "1",
+    }, IGNORED),
+    ({
+        "CUDA_VISIBLE_DEVICES": "", "DISPLAY": ":9", "WAYLAND_DISPLAY": "none", "XDG_SESSION_TYPE": "wayland",
+        "EGL_PLATFORM": "x11", "DRI_PRIME": "1", "LP_NUM_THREADS": "many", "LIBGL_ALWAYS_SOFTWARE": "1",
+        "MESA_DEBUG": "silent", "MESA_GLSL_VERSION_OVERRIDE": "330", "MESA_GLSL": "nopt", "ST_DEBUG": "",
+        "PYOPENGL_USE_ACCELERATE": "0", "PYOPENGL_STORE_POINTERS": "0", "PYOPENGL_ARRAY_SIZE_CHECKING": "0",
+    }, SAME),
 ]  # fmt: skip
 
 

@@ -41,7 +41,7 @@ EXTREMES: tuple[Grab, ...] = (
     Clamshell(**SMALL, width=0.75, length=0.75, height=1.35, head="round"),  # its sheaves' openings cross the deck
     SHAPE,
 )
-DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(4))
+DRAWN = tuple(any_of(kind, np.random.default_rng(seed), (3.0, 20.0)) for kind in KINDS for seed in range(2))
 GRABS = EXTREMES + DRAWN
 ASSEMBLED = tuple(Assembled(shape=i / 9, volume_m3=3 + 2 * i, ropes=(1, 2, 4)[i % 3]) for i in range(9))
 RANDOM = ASSEMBLED if find_spec("simgrab.training") else ()  # the room that draws them

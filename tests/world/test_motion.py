@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from conftest import slow_but, small_scene
+from conftest import small_scene
 from scipy import signal, stats
 
 from simgrab.model import scenes
@@ -131,7 +131,7 @@ def test_isotropic_forcing_gives_rayleighs_law_and_not_the_papers():
     assert stats.kstest(pooled, stats.halfnorm(scale=1.0).cdf).pvalue < 1e-6
 
 
-@pytest.mark.parametrize("seed", slow_but((0, 2, 6, 8), 2, 6))
+@pytest.mark.parametrize("seed", [2, 6])
 def test_fast_slewing_is_a_true_alarm_and_a_gale_alone_is_none(seed):
     alarm = scenes.load("slew-alarm", {"seed": seed, "clip.frame_rate_hz": 2.0})
     assert max(m.grab.alpha for m in play(alarm, 24.0)) > np.radians(10.0)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import slow_but, small_scene
+from conftest import small_scene
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
@@ -75,12 +75,13 @@ def test_a_fixed_mount_stays_while_the_crane_works():
     assert {m.tilt.beta for m in betas({"model": "fixed"}, 60.0)} == {math.radians(4.0)}
 
 
-@pytest.mark.parametrize("model", slow_but(["fixed", "levelled", "rigid"], "levelled"))
-def test_vibration_has_the_stated_size_and_frequency(model):
-    mount = {"model": model, "vibration": {"rms_deg": 0.1, "frequency_hz": 0.6, "damping": 0.1}}
+def test_vibration_has_the_stated_size_and_frequency_in_every_mount():
+    mount = {"model": "levelled", "vibration": {"rms_deg": 0.1, "frequency_hz": 0.6, "damping": 0.1}}
     still = {"swing__work": {"model": "hang"}, "clip__frame_rate_hz": 10.0}
-    moments = betas(mount, 500.0, **still)
-    axis = np.degrees([m.tilt.jib_from_camera[:2, 2] for m in moments])
+    axis = np.degrees([m.tilt.jib_from_camera[:2, 2] for m in betas(mount, 500.0, **still)])
+    for model in ("fixed", "rigid"):
+        other = [m.tilt.jib_from_camera[:2, 2] for m in betas(mount | {"model": model}, 20.0, **still)]
+        np.testing.assert_allclose(np.degrees(other), axis[:200], atol=1e-6)
     centred = axis - axis.mean(axis=0)
     assert centred.std(axis=0) == pytest.approx([0.1 * math.cos(math.radians(4.0)), 0.1], rel=0.2)
     f, density = signal.welch(centred[:, 1], 10.0, nperseg=2048)

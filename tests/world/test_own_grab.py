@@ -307,9 +307,7 @@ def test_no_table_opens_a_file_by_itself(tmp_path):
 def test_equal_files_of_two_names_keep_their_names(files, tmp_path):
     for name in ("a.stl", "z.stl"):
         (tmp_path / name).write_bytes(files["stl"].read_bytes())
-    grabs = [{"model": "mesh", "file": str(tmp_path / name)} for name in ("a.stl", "z.stl")]
-    changes = {"frames": 1, "swing.clamp": True}
-    first, _ = (scenes.load("quay-day", changes | {"grab": grab}, size=(320, 180)) for grab in grabs)
+    first, _ = map(with_grab, [tmp_path / name for name in ("a.stl", "z.stl")])
     render(first, tmp_path / "out", workers=1)
     assert scenes.load(tmp_path / "out" / "manifest.json").grab.file == "a.stl"
 
@@ -328,12 +326,21 @@ def test_another_process_and_machine_know_the_model(files, tmp_path):
     assert [one.name for one in received.models] == ["a.stl", "a.obj"]
 
 
-@pytest.mark.parametrize("kind", ["yolo", "simgrab", "webdataset"])
-def test_exports_and_shards_keep_the_copy(files, tmp_path, kind):
-    scenario = scenes.load("quay-day", {"grab": {"model": "mesh", "file": str(files["obj"])}, "frames": 2,
-                                        "swing.clamp": True}, size=(320, 180))  # fmt: skip
-    url = f"file://{tmp_path}/shards"
+def with_grab(file):
+    changes = {"grab": {"model": "mesh", "file": str(file)}, "frames": 2, "swing.clamp": True, "place.model": "plain"}
+    return scenes.load("quay-day", changes, size=(320, 180))
+
+
+@pytest.fixture(scope="module")
+def sharded(files, tmp_path_factory):
+    scenario, url = with_grab(files["obj"]), tmp_path_factory.mktemp("data").as_uri() + "/shards"
     render(scenario, url, workers=1)
+    return scenario, url
+
+
+@pytest.mark.parametrize("kind", ["yolo", "simgrab", "webdataset"])
+def test_exports_and_shards_keep_the_copy(sharded, tmp_path, kind):
+    scenario, url = sharded
     models._known.clear()
     export(url, f"file://{tmp_path}/out", format=kind)
     models._known.clear()
@@ -348,9 +355,7 @@ def test_exports_and_shards_keep_the_copy(files, tmp_path, kind):
 
 
 def test_a_video_keeps_the_copy(files, tmp_path):
-    scenario = scenes.load("quay-day", {"grab": {"model": "mesh", "file": str(files["glb"])}, "frames": 3,
-                                        "swing.clamp": True}, size=(320, 180))  # fmt: skip
-    simgrab.render_video(scenario, tmp_path / "a.mp4", workers=1)
+    simgrab.render_video(with_grab(files["glb"]), tmp_path / "a.mp4", workers=1)
     models._known.clear()
     assert scenes.load(tmp_path / "a.manifest.json").models[0].name == "a.glb"
 

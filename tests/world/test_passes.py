@@ -43,8 +43,9 @@ def textured(scene):
     scene.renderer._buffer.make_current()
 
 
-def by_mujoco(scene, moment, *, segment):
-    """Pixels and the depth buffer of `mjr_render`, rows counted from the bottom."""
+def by_mujoco(scene, moment):
+    """Depth buffer and pixels of `mjr_render`, first of ids, then of colours; and the groups of the ids."""
+    made = []
     with textured(scene) as (world, buffer):
         data = mujoco.MjData(world.model)
         world.pose(data, moment)
@@ -54,24 +55,27 @@ def by_mujoco(scene, moment, *, segment):
         option.geomgroup[HIDDEN] = 0
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(world.model, data, option, None, mujoco.MjvCamera(), everything, drawn)
-        drawn.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = drawn.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = segment
         rect = scene.renderer.aim(scene.renderer.full, drawn)
-        mujoco.mjr_render(rect, drawn, buffer.context)
-        rgb, depth = np.empty((rect.height, rect.width, 3), np.uint8), np.empty((rect.height, rect.width), np.float32)
-        mujoco.mjr_readPixels(rgb, depth, rect, buffer.context)
+        for segment in (1, 0):
+            drawn.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = drawn.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = segment
+            mujoco.mjr_render(rect, drawn, buffer.context)
+            rgb = np.empty((rect.height, rect.width, 3), np.uint8)
+            depth = np.empty((rect.height, rect.width), np.float32)
+            mujoco.mjr_readPixels(rgb, depth, rect, buffer.context)
+            made.append((depth[::-1].astype(float), rgb[::-1].astype(int)))
     groups = [int(world.model.geom_group[geom.objid]) for geom in drawn.geoms[: drawn.ngeom]]
-    return rgb[::-1], depth[::-1].astype(float), np.array([255, *groups], np.uint8)
+    return *made, np.array([255, *groups], np.uint8)
 
 
 @pytest.mark.parametrize("frame", [0, 2])
 def test_ids_and_depth_are_those_of_mujoco_to_the_bit_and_colours_but_for_rounding(generator, frame):
     scene, moment = generator.scene(frame), generator.project(frame).moment
     view = scene.renderer.view(moment)
-    colour, buffer, groups = by_mujoco(scene, moment, segment=1)
-    np.testing.assert_array_equal(view.ids, groups[colour[..., 0].astype(int) + 256 * colour[..., 1].astype(int)])
+    (buffer, ids), (_, colours), groups = by_mujoco(scene, moment)
+    np.testing.assert_array_equal(view.ids, groups[ids[..., 0] + 256 * ids[..., 1]])
     depth = np.asarray(NEAR_M * FAR_M / (NEAR_M + buffer * (FAR_M - NEAR_M)), np.float32)
     np.testing.assert_array_equal(view.depth, depth)
-    apart = np.abs(scene.renderer.rgb(moment).astype(int) - by_mujoco(scene, moment, segment=0)[0])
+    apart = np.abs(scene.renderer.rgb(moment) - colours)
     assert apart.mean() < 0.5  # MuJoCo rounds the light of sun and sky by itself
     assert (apart.max(axis=2) > 8).mean() < 2e-3  # edges of shadows
 

@@ -1,4 +1,4 @@
-"""Every weather preset gives the same bytes, whoever draws it and however it was interrupted."""
+"""Weather, levels of variation and sensors give the same bytes, whoever draws them and however it was interrupted."""
 
 import os
 import signal
@@ -9,6 +9,7 @@ import time
 import pytest
 from conftest import SMALL
 from test_dataset import digest
+from test_sensor_files import SENSORS
 
 from simgrab.dataset.render import render
 from simgrab.model import scenes
@@ -20,16 +21,18 @@ SEED = 315  # with which eight draws give each of them once
 
 
 def presets() -> Scenario:
-    """The presets as worlds of one dataset, a frame each, so that workers start once for all of them."""
+    """The presets as worlds of one dataset, a frame each, and another grab every four frames."""
     tables = [{key: scenes.load(name).to_dict()[key] for key in KEY.split("+")} for name in PRESETS]
-    vary = {KEY: {"dist": "one-of", "names": PRESETS, "values": tables}}
-    return scenes.load("calm-day", SMALL | {"clip.clip_frames": 1, "frames": len(PRESETS), "seed": SEED, "vary": vary})
+    wear = {"dist": "uniform", "low": 0.2, "high": 1.0}
+    vary = {KEY: {"dist": "one-of", "names": PRESETS, "values": tables}, "grab.wear": wear}
+    frames = {"clip.clip_frames": 1, "frames": len(PRESETS), "every": {"grab": 4}}
+    return scenes.load("calm-day", SMALL | frames | {"seed": SEED, "vary": vary})
 
 
 def record(name) -> Scenario:
-    """Two clips of two frames of one of the twins."""
+    """Two clips of two frames of one of the twins, with sensors."""
     over_the_yard = {"swing.work.dig_rope_m": 20.0, "swing.settle_s": 1.0}
-    return scenes.load(name, SMALL | over_the_yard | {"frames": 4, "clip.clip_frames": 2})
+    return scenes.load(name, SMALL | over_the_yard | {"frames": 4, "clip.clip_frames": 2, "sensors": SENSORS})
 
 
 SCENES = {

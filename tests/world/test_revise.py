@@ -74,10 +74,9 @@ def test_levels_of_variation_give_each_frame_alone_and_in_any_order(monkeypatch)
     with FrameGenerator(levels) as generator:
         ordered = [generator.frame(frame, full=True) for frame in range(16)]
         assert (len(built), len(opened)) == (2, 1)
-        for frame in (11, 2, 15):
-            same(generator.frame(frame, full=True), ordered[frame])
     with FrameGenerator(levels) as alone:
-        same(alone.frame(13, full=True), ordered[13])
+        for frame in (13, 2):
+            same(alone.frame(frame, full=True), ordered[frame])
     assert len({frame.truth.beta_deg for frame in ordered}) == 8
 
 

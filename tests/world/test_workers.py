@@ -53,7 +53,8 @@ def test_processes_are_as_many_as_pay(computer, cores, gigabytes, scene, by_clip
 
 
 def test_the_command_says_how_many_and_why(tmp_path):
-    command = ["render", "quay-day", *as_options({"frames": 1}), "--size", "160x90", "--out", str(tmp_path / "out")]
+    small = [*as_options({"frames": 1, "place.model": "plain"}), "--size", "160x90"]
+    command = ["render", "quay-day", *small, "--out", str(tmp_path / "out")]
     assert "worker processes: 1 (limited by 1 frames)" in CliRunner().invoke(cli, command).output
     again = CliRunner().invoke(cli, [*command[:-1], str(tmp_path / "two"), "--workers", "0"])
     assert again.exit_code == 2

@@ -98,7 +98,7 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     assert not (killed / "small" / TRIALS).exists()
     with pytest.raises(StressError, match="--resume"):
         laboratory.run([study], killed)
-    laboratory.run([study], killed, workers=2, resume=True)
+    laboratory.run([study], killed, resume=True)
     laboratory.run([study], tmp_path / "one")
     for name in (TRIALS, "summary.csv"):
         assert (killed / "small" / name).read_bytes() == (tmp_path / "one" / "small" / name).read_bytes()
