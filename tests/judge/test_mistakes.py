@@ -1,5 +1,6 @@
 """The mistake that explains angles is named, and none is where the angles are right."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 SCENES = [(name, scene) for name in suite.names() for scene in suite.load(name).scenes]
 FRAMES = 48
+WRONG_TILT = re.compile(r"The angles are as with a camera tilt that is (2\.[5-9]|3\.[0-4])\d° wrong.*")
 
 
 def truth(name, scene, frames=FRAMES):
@@ -31,11 +33,11 @@ def truth(name, scene, frames=FRAMES):
     return rows, np.array([row.alpha for row in rows])
 
 
-def leaning(rows, deg):
-    """Swings of a pipeline whose vertical leans outboard."""
+def leaning(rows, by):
+    """Swings of a pipeline whose vertical leans by vectors (..., 2), rad, jib frame."""
     grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
-    level = grab / np.linalg.norm(grab, axis=1, keepdims=True) + [np.deg2rad(deg), 0, 0]
-    return np.arcsin(np.linalg.norm(level[:, :2], axis=1))
+    level = grab / np.linalg.norm(grab, axis=1, keepdims=True)
+    return np.arcsin(np.linalg.norm(level[:, :2] + by, axis=1))
 
 
 @pytest.mark.parametrize(("name", "scene"), SCENES)
@@ -43,11 +45,25 @@ def test_no_mistake_is_named_where_there_is_none(name, scene):
     rows, true = truth(name, scene)
     for seed in range(20):
         noise = np.random.default_rng(seed).normal(0, np.deg2rad(0.3), len(true))
-        for measured in (true, leaning(rows, 3.0), leaning(rows, -3.0), true + np.deg2rad(0.4)):
+        for measured in (true, true + np.deg2rad(0.4)):
             assert likely(np.abs(measured + noise), true, rows, None) is None
+        for deg in (3.0, -3.0):
+            found = likely(np.abs(leaning(rows, [np.deg2rad(deg), 0]) + noise), true, rows, None)
+            assert found is None or WRONG_TILT.fullmatch(found.text)
     lengths = np.random.default_rng(0).normal(20, 4, FRAMES)
     assert of_rope(lengths + np.random.default_rng(1).normal(0, 0.1, FRAMES), lengths) is None
     assert of_rope(lengths, lengths) is None
+
+
+def test_a_tilt_that_is_left_out_or_wrong_is_named():
+    rows, true = truth("weather", "calm")
+    axis = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 2]
+    deg = np.rad2deg(np.linalg.norm(axis.mean(axis=0)))
+    for by, text in (
+        (-axis, f"is {deg:.2f}° wrong, as if the tilt of {deg:.1f}° were left out"),
+        (-2 * axis, f"is {2 * deg:.2f}° wrong"),
+    ):
+        assert likely(leaning(rows, by), true, rows, None).text == f"The angles are as with a camera tilt that {text}"
 
 
 @pytest.mark.parametrize("late", [-2, 1, 5])

@@ -78,7 +78,7 @@ def _of_lengths(run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> It
     figures = {"median_m": np.median(off), "p95_m": np.quantile(off, 0.95), "max_m": off.max()}
     rests = meets({f"reading.length.{name}": float(value) for name, value in figures.items()})
     if rests or [meets(_metrics(with_lengths(run, known, rope), known)) for rope in ("read", "true")] == [False, True]:
-        yield f"{mistake.text}, but for {np.rint(100 * mistake.rms):.0f} cm."
+        yield f"{mistake.text}. Otherwise their error would be {np.rint(100 * mistake.rms):.0f} cm."
 
 
 def _metrics(alpha: Array, known: Truths) -> Metrics:
@@ -155,7 +155,7 @@ def _of_stages(
                 f"From the same centres and lengths, simgrab's estimator {budget.estimator} has an RMSE of {fed:.2f}°. "
                 f"The largest contribution in its error budget: {budget.limit}.{later}"
             )
-    elif fed >= true_spread:
+    elif fed >= max(true_spread, rmse / 3):
         yield (
             f"Correct centre and rope length first: from them, simgrab's estimator {budget.estimator} computes angles "
             f"with an RMSE of {fed:.2f}°, which is no better than a constant angle."

@@ -1,4 +1,4 @@
-"""Which single mistake of a pipeline would explain the errors of its angles, told by the truth."""
+"""Which single mistake of a pipeline would explain the errors of its angles."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _late(measured: Array, true: Array, time: Array | None) -> Mistake:
 
 
 def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mistake]:
-    """Explain by a focal length, with a tilt that follows it or that is right, and by a tilt or a constant."""
+    """Explain by a focal length, with a tilt that follows it or that is right, by a tilt, and by a constant."""
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
     swing, ray, axis = _level(grab), _level(grab - camera.translation), camera.rotation[:, :2, 2]
@@ -90,8 +90,12 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mist
         focal = f"The angles are as with a focal length of {f_px / max(factor, 1e-9):.0f} px in place of {f_px:.0f} px"
         found.append(Mistake(focal if FOCAL[0] < factor < FOCAL[1] else "", left))
     best = min(found, key=lambda one: one.rms)
-    _, tilted = fitted(of, [1e-3, 1e-3])
-    return [best, Mistake("", tilted), Mistake("", measured - true - np.mean(measured - true))]
+    lean, tilted = fitted(of, [1e-3, 1e-3])
+    tilt = axis.mean(axis=0)
+    left_out = np.linalg.norm(lean + tilt) < np.linalg.norm(tilt) / 5
+    why = f", as if the tilt of {np.degrees(np.linalg.norm(tilt)):.1f}° were left out" if left_out else ""
+    wrong = f"The angles are as with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong{why}"
+    return [best, Mistake(wrong, tilted), Mistake("", measured - true - np.mean(measured - true))]
 
 
 def _level(vectors: Array) -> Array:
