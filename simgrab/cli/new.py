@@ -221,7 +221,7 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
     wide, high, lenses = _lenses.CAMERAS.get(camera, (1920, 1080, {}))
     width, height = map(int, answers.get("size", _numbers(64, 4096, 2), f"{wide}x{high}"))
     given = fov = answers.get("fov", _fov) if "fov" in answers or not camera else ()
-    name, f_px = camera or "as given", 0.0
+    name, f_px, listed = camera or "as given", 0.0, dict[str, float]()
     if given:
         wide, high = width, height
     elif camera:
@@ -231,7 +231,9 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
         name, fov = f"{camera}, {mm:g} mm", lenses[mm]
     else:
         wide, high = width, height
-        name, f_px = _of_sensor(answers, width, height)
+        name, f_px, mm = _of_sensor(answers, width, height)
+        known = {name: of for name, (*size, of) in _lenses.CAMERAS.items() if size == [width, height] and mm in of}
+        listed = {name: of[mm][0] for name, of in known.items()}
     scale = max(width / wide, height / high)  # a picture of another shape is a part of the whole
     try:
         barrels = [_lenses.barrel(wide, high, *fov)] if len(fov) == 2 else _lenses.BARRELS
@@ -242,20 +244,25 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
         raise _refusal("fov" if given else "lens", f"{problem}{'' if given else '; or give --fov'}") from None
     across = _lenses.across_deg(width, f, c)
     name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
+    if listed and not 0.97 * min(listed.values()) < across < 1.03 * max(listed.values()):
+        others = ", ".join(f"{name} {degrees:.0f}" for name, degrees in listed.items())
+        answers.assumed.append(
+            f"cameras of this picture size and lens have other degrees across: {others}; see --camera"
+        )
     if len(fov) < 2:
         answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses")
     if fov and "sensor" in answers and "lens" in answers:
-        sensor, other_px = _of_sensor(answers, width, height)
+        sensor, other_px, _ = _of_sensor(answers, width, height)
         answers.assumed.append(f"a focal length of {f:.0f} px, as {name}; {sensor}, would have {other_px:.0f} px")
     return name, width, height, f, distortion
 
 
-def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float]:
-    """Name sensor and lens, and give their focal length in px of a picture of this size."""
+def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float, float]:
+    """Name sensor and lens, and give their focal length in px of a picture of this size, and in mm."""
     sensor = answers.get("sensor", lambda text: _lenses.sensor(text, width, height))
     size, pitch_um, wide, high = _lenses.SENSORS[sensor]
     (mm,) = answers.get("lens", _numbers(0.5, 100))
-    return f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um * max(width / wide, height / high)
+    return f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um * max(width / wide, height / high), mm
 
 
 def _grab(answers: _Answers, file: Path) -> tuple[str, float]:

@@ -213,3 +213,9 @@ def test_night_is_exposed_for_longer_than_day(tmp_path):
     (factor,) = (factor for key, factor in scene.vary.items() if "shutter.exposure_s" in key)
     exposures = {value["optics.night_mode"]: value["shutter.exposure_s"] for value in factor.values}
     assert exposures["on"] > exposures["off"]
+
+
+def test_listed_cameras_that_disagree_with_sensor_and_lens_are_named(tmp_path):
+    _, said = new(tmp_path / "a.toml", "--size", "2560x1440", "--sensor", "1/3", "--lens", "3.6")
+    assert "lens have other degrees across: Dahua IPC-HFW1430DT-STW 76; see --camera" in said
+    assert "other degrees" not in new(tmp_path / "b.toml", "--size", "2560x1440", "--lens", "50")[1]

@@ -420,9 +420,12 @@ def test_the_controllers_rope_replaces_a_display():
     assert (late.status, late.reason) == ("unread", "neither a display nor the controller states the rope's length")
     about = _controller(pipeline, found)
     assert about["notes"] == ["one row refused"]
-    assert (about["clock_offset_s"], about["clock_by_motion_s"]) == (0.0, None)
+    assert (about["clock_offset_s"], about["clock_by_motion_s"], about["clock_used_s"]) == (0.0, None, 0.0)
+    assert about["wind_m_s"] is None
+    windy = dataclasses.replace(pipeline, controller=dataclasses.replace(data, wind=np.array([[0.0, 9.0], [9.0, 9.0]])))
+    assert _controller(windy, found)["wind_m_s"] == 9.0
     later = dataclasses.replace(found.estimate, diagnostics={"clock_s": -0.4})  # 0.4 s late
-    assert _controller(pipeline, dataclasses.replace(found, estimate=later))["clock_by_motion_s"] == -0.4
+    assert _controller(pipeline, dataclasses.replace(found, estimate=later))["clock_used_s"] == -0.4
     with pytest.raises(RunError, match="follow each other in time"):
         pipeline.conclude([msgspec.structs.replace(s, time_s=None) for s in blind], camera)
 

@@ -169,7 +169,8 @@ def measure(
     if controller is not None and clock is not None:
         shown = None if late is None else clock.offset_s + late
         said = in_words(clock.offset_s, clock.interval_s, clock.source, shown)
-        notes = (*controller.notes, clock.note, f"controller's clock: {said}")
+        wind = f"controller's wind: {kind.intervals.wind_m_s:.1f} m/s" if controller.wind is not None else ""
+        notes = (*controller.notes, clock.note, f"controller's clock: {said}", wind)
     return EstimatedRecord(record, calibration, found, tuple(filter(None, (*notes, *warnings, far, why))))
 
 

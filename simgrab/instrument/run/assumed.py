@@ -12,6 +12,7 @@ import numpy as np
 from simgrab.instrument.angles import by_estimate, calibrate
 from simgrab.instrument.contract import Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known, far_offset
+from simgrab.instrument.estimate.measure import in_wind
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -20,7 +21,7 @@ ROPE_M = 20.0  # of an example
 LEAST_BOXES = 40
 LEANS = (  # by 1.89° at most in the 44 s of docs/tutorials/levelled-camera.md
     "unless the camera is fixed, it leans as the crane moves: errors of up to 2° that no 95 % interval here includes; "
-    "--plc or --imu measures the lean"
+    "{} measures the lean"
 )
 MOST_ERROR = 0.08  # of the longest rope, where the shortest is far shorter
 _TEXTS = {
@@ -52,7 +53,8 @@ def assumptions(
     """
     used = None if record is None else record.estimator
     if record is None and isinstance(instrument, Pipeline):  # a live run
-        used = instrument.chosen(camera, live=True)
+        used, controller = instrument.chosen(camera, live=True), instrument.controller
+        used = used if controller is None else in_wind(used, controller, controller.time)
     intervals = any(m.alpha_low is not None for m in measured)
     leans = timed and intervals and used is not None and not moving(used)
     width, owed = _widths(camera, record, instrument) or (None, None)
@@ -74,7 +76,7 @@ def assumptions(
     by_motion = moving(used) and not (used is not None and used.needs_imu)
     far = "" if tilt is None else far_offset(tilt.offset_m, camera, by_motion=by_motion)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
-            "leans": LEANS if leans else "",
+            "leans": LEANS.format("--imu" if record is None else "--plc or --imu") if leans else "",
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured)]))}  # fmt: skip
 
 

@@ -348,7 +348,7 @@ def _conclude(
 
 
 def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[str, Any]:
-    """State what is known of the controller's clock, and which readings were refused; empty without its data."""
+    """State what is known of the controller's clock, its wind, and what was refused; empty without its data."""
     if not isinstance(instrument, Pipeline) or instrument.controller is None:
         return {}
     controller = instrument.controller
@@ -356,9 +356,12 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
     by_motion, used = None, None if record is None else record.estimator
     if record is not None and record.estimate is not None and used is not None and not used.needs_imu:
         by_motion = record.estimate.diagnostics.get("clock_s")
+    by_swing = None if by_motion is None else clock.offset_s + by_motion
+    time = controller.time if record is None or record.arrays.time is None else record.arrays.time
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
-        "clock_by_motion_s": None if by_motion is None else clock.offset_s + by_motion,
+        "clock_by_motion_s": by_swing, "clock_used_s": clock.offset_s if by_swing is None else by_swing,
+        "wind_m_s": None if controller.wind is None else controller.wind_m_s(time),
         "display_minus_controller_m": clock.difference_m,
         "notes": [*controller.notes, *filter(None, [clock.note, record.doubt if record is not None else ""])],
     }  # fmt: skip

@@ -80,6 +80,7 @@ def held(run: Run) -> list[tuple[str, str]]:
     if reported := run.about.get("controller"):
         clock = in_words(*(reported[f"clock_{name}"] for name in ("offset_s", "interval_s", "from", "by_motion_s")))
         rows.append(("controller's clock", clock))
+        rows += [("controller's wind", f"{wind:.1f} m/s")] if (wind := reported.get("wind_m_s")) else []
     estimate = run.about["estimate"]
     if estimate is not None:
         refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
