@@ -71,5 +71,11 @@ def drawing(what: str = "rendering", *, shown: bool) -> Iterator[tuple[Counts, C
 def steps(*, shown: bool) -> Iterator[Callable[[str, int, int], None]]:
     """Show a bar for each step; yields a function of a step's name, the amount done and the total."""
     with board(shown=shown) as shows:
-        each = functools.cache(shows.step)
+
+        @functools.cache
+        def each(name: str) -> Counts:
+            if not (console := shows.bars.console).is_terminal:  # which shows no bar before its end
+                console.print(f"{name} …")
+            return shows.step(name)
+
         yield lambda name, done, total: each(name)(done, total)

@@ -23,6 +23,7 @@ from seconds import SECOND_RENDERERS
 
 from simgrab import __version__
 from simgrab.cli import cli, main
+from simgrab.cli._progress import steps
 from simgrab.cli._verbs import VERBS
 from simgrab.errors import SimgrabError, WorkerError
 from simgrab.judge import doctor
@@ -436,3 +437,11 @@ def test_render_says_what_a_user_may_not_expect(tmp_path):
     assert "swing.rope_length_m: 4 of 4 draws were impossible and were clamped" in err
     assert 'draws each frame on its own (swing.model = "iid")' in err
     assert "camera.mount has no effect" in err
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_step_is_named_as_it_begins_where_no_bar_is_drawn(shown, capsys):
+    with steps(shown=shown) as progress:
+        progress("calm, seed 0", 0, 3)
+        progress("calm, seed 0", 1, 3)
+        assert capsys.readouterr().err == ("calm, seed 0 …\n" if shown else "")
