@@ -17,7 +17,7 @@ from simgrab.dataset.sensor_files import yaml
 from simgrab.dataset.tables import calibration_of
 from simgrab.errors import BenchError, InstrumentError, RecordError
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.estimate import RopeAware
+from simgrab.instrument.estimate import MeanRay, RopeAware
 from simgrab.instrument.estimate.inertial.readings import FORCE, RATE, STAMP, read_imu
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.lab.bench import board, entry, files, season
@@ -462,9 +462,18 @@ class Odd:
     __call__ = estimate
 
 
-@pytest.mark.parametrize("instrument", [Odd(), Pipeline(Middle(), Middle(), Odd())], ids=["own", "pipeline"])
-def test_a_record_that_an_instrument_cannot_use_is_refused_and_the_run_goes_on(sensed, tmp_path, instrument):
-    entry.run(sensed, tmp_path / "e", instrument, "picture")
+class OddRays(MeanRay):
+    estimate = Odd.estimate
+
+
+@pytest.mark.parametrize("instrument", [Odd(), Pipeline(Middle(), Middle(), OddRays())], ids=["own", "pipeline"])
+def test_a_record_that_an_instrument_cannot_use_is_refused_and_the_run_goes_on(
+    sensed, tmp_path, instrument, monkeypatch
+):
+    monkeypatch.setattr("simgrab.instrument.run.subject.open_instrument", lambda _name: instrument)
+    said = CliRunner().invoke(cli, ["bench", "run", str(sensed), "--out", str(tmp_path / "e"), "--track", "picture"])
+    assert said.exit_code == 1
+    assert said.stderr.splitlines()[-2:] == [f"{clip}: no angle: row 3 is odd" for clip in "ab"]
     found = entry.read(tmp_path / "e", published(sensed))
     assert {status for answers in found.clips.values() for status in answers.status} == {"refused"}
     assert found.about.reasons == dict.fromkeys("ab", "row 3 is odd")
