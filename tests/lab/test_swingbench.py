@@ -472,7 +472,7 @@ def test_a_record_that_an_instrument_cannot_use_is_refused_and_the_run_goes_on(
 ):
     monkeypatch.setattr("simgrab.instrument.run.subject.open_instrument", lambda _name: instrument)
     said = CliRunner().invoke(cli, ["bench", "run", str(sensed), "--out", str(tmp_path / "e"), "--track", "picture"])
-    assert said.exit_code == 1
+    assert said.exit_code == 0
     assert said.stderr.splitlines()[-2:] == [f"{clip}: no angle: row 3 is odd" for clip in "ab"]
     found = entry.read(tmp_path / "e", published(sensed))
     assert {status for answers in found.clips.values() for status in answers.status} == {"refused"}
