@@ -367,6 +367,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
             "every frame shows the grab; absent in [swing] leaves it out, and the mount has no effect"
         )
     answers.assumed.append("no noise of the sensor; optics.sensor sets it")
+    answers.assumed.append('no display of the rope length; display.layout = "two-by-four" shows one')
     if answers.unread:
         answers.assumed.append(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
     inf = math.inf
