@@ -232,8 +232,8 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
     else:
         wide, high = width, height
         name, f_px, mm = _of_sensor(answers, width, height)
-        known = {name: of for name, (*size, of) in _lenses.CAMERAS.items() if size == [width, height] and mm in of}
-        listed = {name: of[mm][0] for name, of in known.items()}
+        alike = ((one, of) for one, (*size, of) in _lenses.CAMERAS.items() if size == [width, height])
+        listed = {one: of[mm][0] for one, of in alike if mm in of}
     scale = max(width / wide, height / high)  # a picture of another shape is a part of the whole
     try:
         barrels = [_lenses.barrel(wide, high, *fov)] if len(fov) == 2 else _lenses.BARRELS
@@ -245,7 +245,7 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
     across = _lenses.across_deg(width, f, c)
     name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
     if listed and not 0.97 * min(listed.values()) < across < 1.03 * max(listed.values()):
-        others = ", ".join(f"{name} {degrees:.0f}" for name, degrees in listed.items())
+        others = ", ".join(f"{one} {degrees:.0f}" for one, degrees in listed.items())
         answers.assumed.append(
             f"cameras of this picture size and lens have other degrees across: {others}; see --camera"
         )

@@ -247,7 +247,8 @@ def read_controller(
     if "slew" in series and "radius" not in series:
         notes.append(f"{path}: slew without radius or luff: a radius of {RADIUS_M:g} m is assumed")
     stamps, speed, _ = series.pop("wind", (np.zeros(0), np.zeros(0), 0.0))
-    if len(speed) and not np.ptp(speed):
+    varies = len(speed) > 0 and np.ptp(speed) > 0
+    if len(speed) and not varies:
         notes.append(f"{path}: wind: the same reading throughout, and not used")
     grid = max((time for time, _, _ in series.values()), key=len, default=stamps)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
@@ -255,7 +256,7 @@ def read_controller(
     found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope")) | dict.fromkeys(
         ("slew_sd", "radius_sd", "rope_sd"), 0.0
     )
-    found["wind"] = np.column_stack([stamps, speed]) if len(speed) and np.ptp(speed) else None
+    found["wind"] = np.column_stack([stamps, speed]) if varies else None
     for name, (time, values, sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan

@@ -260,7 +260,7 @@ class Pipeline:
 
     def _calibrated(self, time: Array | None) -> Array | None:
         """Select the times of the frames, of (n,), that the tilt is estimated from."""
-        return time if time is None or self.calibrate_s is None else time[time <= time[0] + self.calibrate_s]
+        return time if time is None or self.calibrate_s is None else time[time < time[0] + self.calibrate_s]
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""
@@ -289,8 +289,7 @@ class Pipeline:
                 del observations[:old], lengths[:old]
                 if estimated:
                     whole = _whole(observations, lengths)
-                    windy = estimator if whole.time is None else in_wind(estimator, self.controller, whole.time)
-                    found = angles.calibrate(whole, calibration, windy)
+                    found = angles.calibrate(whole, calibration, in_wind(estimator, self.controller, whole.time))
                     tilt = known(found) if found.ok else tilt
             newest = angles.arrays(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
             alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""

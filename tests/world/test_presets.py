@@ -1,4 +1,4 @@
-"""Weather, levels of variation and sensors give the same bytes, whoever draws them and however it was interrupted."""
+"""Weather, levels of variation and sensors give the same bytes in any process, and after any interruption."""
 
 import os
 import signal

@@ -210,9 +210,9 @@ def by_swing(controller: Controller | None, estimator: Estimator, estimate: Esti
     return moved if np.nanmax(change) > LEAST_CHANGE_M else None
 
 
-def in_wind(estimator: Estimator, controller: Controller | None, time: Array) -> Estimator:
+def in_wind(estimator: Estimator, controller: Controller | None, time: Array | None) -> Estimator:
     """Give an estimator the wind that a controller reports at times (m,), unless one was stated."""
-    if controller is None or controller.wind is None or estimator.intervals.wind_m_s:
+    if controller is None or controller.wind is None or time is None or estimator.intervals.wind_m_s:
         return estimator
     return replace(estimator, intervals=replace(estimator.intervals, wind_m_s=controller.wind_m_s(time)))
 
@@ -220,7 +220,7 @@ def in_wind(estimator: Estimator, controller: Controller | None, time: Array) ->
 def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Array, time: Array | None) -> Estimator:
     """Give an estimator what it uses: the controller's report of jib and wind, and the detector's deviation."""
     stated, given = pixel_sd[pixel_sd > 0], dict[str, Any]()
-    estimator = estimator if time is None else in_wind(estimator, controller, time)
+    estimator = in_wind(estimator, controller, time)
     if controller is not None and controller.reports_motion:
         given["controller"] = controller
     if len(stated):

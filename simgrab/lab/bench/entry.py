@@ -142,7 +142,7 @@ def run(
     Returns
     -------
     dict
-        Why, by clips of which no frame has an angle.
+        The most frequent reason, by clips of which no frame has an angle.
 
     Raises
     ------

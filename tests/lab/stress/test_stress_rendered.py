@@ -111,15 +111,15 @@ def test_physics_brings_times_and_a_camera_that_moves():
 def test_an_interruption_changes_nothing(tmp_path):
     """Nor does any number of workers: see `test_stress_same`."""
     study = catalogue.read(SNOW | {"replications": 2, "axes": [{"axis": "weather.snow_mm_h", "values": [8]}]})
-    folder, told = tmp_path / "pictures", []
+    folder, counted = tmp_path / "pictures", []
     identity = {"simgrab": __version__, "digest": study.digest, "made_with": rendered.made_with()}
     identity["study"] = msgspec.to_builtins(study)
     journal, part = laboratory.journal(study, tmp_path), parts(study)[1]
     with journal.opened(identity):
         (folder / PARTIAL / "draft-1-torn").write_bytes(b"half")
         journal.add(part.file, made(study, part))  # and then it was killed
-    laboratory.run([study], tmp_path, resume=True, progress=lambda *counts: told.append(counts))
-    assert told == [(1, 2), (2, 2)]
+    laboratory.run([study], tmp_path, resume=True, progress=lambda *counts: counted.append(counts))
+    assert counted == [(1, 2), (2, 2)]
     found = pq.read_table(folder / TRIALS)
     assert found.filter(pc.equal(found["trial"], 0)).equals(make(study, parts(study)[0]))
     (folder / STUDY).write_text(json.dumps(identity | {"made_with": "something else"}))
