@@ -151,9 +151,7 @@ class Reference(msgspec.Struct, frozen=True):
 
     def holds(self, value: float, limit: Limit) -> bool:
         """Whether a value is no worse than allowed; ``limit`` determines which direction is worse."""
-        too_high = limit.upper is not None and value > self.value + self.allowed
-        too_low = limit.lower is not None and value < self.value - self.allowed
-        return not (too_high or too_low)
+        return limit.excess(value) <= limit.excess(self.value) + self.allowed
 
 
 def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, comparisons: int) -> Reference | None:

@@ -31,7 +31,7 @@ OWN_KEYS = ("frames", "seed")  # of a scenario, which the suite sets at a place 
 
 
 class Limit(Checked, frozen=True):
-    """Limits of one metric. The bounds determine which direction is better; with both, neither is.
+    """Limits of one metric. The bounds determine which direction is worse: towards the nearest of them.
 
     Attributes
     ----------

@@ -132,8 +132,7 @@ def _of_metric(scene: str, metric: str, trial: Trial, limit: Limit, past: Refere
         if past and not past.holds(value, limit):
             of = "on the same frames" if past.same_frames else "over other seeds"
             more = f"{round(past.allowed, 8):.2g}"  # a slack of 0 is 0, whatever rounding adds
-            how = "worse than" if None in (limit.lower, limit.upper) else "below" if value < past.value else "above"
-            problems.append(f"{value:.4g} is {how} the baseline's {past.value:.4g} {of} by more than {more}")
+            problems.append(f"{value:.4g} is worse than the baseline's {past.value:.4g} {of} by more than {more}")
     return Verdict(
         scene=scene, what=metric, status="failed" if problems else "passed", value=value, limit=str(limit),
         reference=past.value if past else None, allowed=past.allowed if past else None, message="; ".join(problems),
