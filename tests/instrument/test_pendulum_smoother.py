@@ -87,3 +87,14 @@ def test_an_outlier_is_outvoted():
     assert abs(one.beta - other.beta) < np.deg2rad(0.03)
     assert np.rad2deg(np.abs(other.alpha - record.alpha[0])).max() < 0.15
     assert other.diagnostics["noise_px"] == pytest.approx(one.diagnostics["noise_px"], rel=0.15)
+
+
+def test_frames_in_no_order_of_time_are_refused():
+    rng = np.random.default_rng(7)
+    record = simulator.free(rng, 1, 60.0, simulator.Cycles(20.0, 20.0, 60.0), np.deg2rad(3), 0.005)
+    camera = studies.camera((0.0, 0.0, 0.0), 0.01)
+    pixels = simulator.seen(
+        rng, record, camera.intrinsics.project, rotation=TILTED, offset=np.zeros((1, 3)), missing=0, outliers=0,
+    )[0]  # fmt: skip
+    found = PendulumSmoother().estimate(rng.permutation(pixels), camera, rope_length=record.rope, time=record.time)
+    assert "does not move like a pendulum" in found.reason

@@ -47,6 +47,7 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimates, Intervals
 
+MOST_NOISE = 0.005  # rad, of a centre per coordinate, if it is also more than the swing: then the frames are no video
 CUT_S = 20.0  # longer gaps are not bridged
 # Prior of how a camera follows apparent gravity: the share, and logarithms of frequency (rad/s) and damping ratio.
 FOLLOWING, FOLLOWING_SD = (0.5, np.log(np.pi), np.log(0.5)), (0.5, 0.7, 0.7)
@@ -203,6 +204,10 @@ class PendulumSmoother(PathEstimator):
         odd = float(np.mean(found.free < FREE))
         if imu is not None and odd > MOST_NOT_FREE:
             return f"for {100 * odd:.0f} % of the record the pictures contradict the sensor: is it of this record?"
+        noise, moves = np.exp(found.strengths[NOISE]), found.path[nodes.frame, :2].std(axis=0).max()
+        if found.converged and noise > max(MOST_NOISE, moves):
+            off = f"{np.degrees(noise):.1f} deg"
+            return f"the grab does not move like a pendulum, but {off} off in each frame: are these frames of a video?"
         return Solved(nodes, found, jib, motion) if found.converged else NOT_CONVERGED
 
     def _fit(self, frames: Frames, swing: Array, start: Array, priors: PendulumPriors) -> tuple[Nodes, PendulumFit]:
