@@ -57,6 +57,7 @@ ASKED = {
     "light": ("day, night, or both", "day"),
     "weather": (f"one or more of {', '.join(WEATHERS)}", "clear"),
     "wind": ("mean wind, m/s: it carries rain, snow and dust, and pushes the grab in cycles", "0"),
+    "display": ("rope lengths in the picture: none, or two-by-four or four-point-four digits", "none"),
     "motion": ("independent frames (to train on), or cycles of a working crane (video)", "independent"),
 }
 
@@ -334,6 +335,8 @@ def _tolerances(facts: Mapping[str, tuple[float, float, float, float]]) -> str:
 
 def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     """Text of the scene file."""
+    from simgrab.model import layouts
+
     optics, width, height, f_px, (k1, k2, k3) = _optics(answers)
     (rate,) = answers.get("rate", _numbers(0.1, 120))
     x, y, z = answers.get("offset", _numbers(-3, 3, 3))
@@ -367,7 +370,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
             "every frame shows the grab; absent in [swing] leaves it out, and the mount has no effect"
         )
     answers.assumed.append("no noise of the sensor; optics.sensor sets it")
-    answers.assumed.append('no display of the rope length; display.layout = "two-by-four" shows one')
+    (display,) = answers.get("display", _one_of("none", *layouts.names()))
     if answers.unread:
         answers.assumed.append(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
     inf = math.inf
@@ -394,8 +397,9 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
 base = "quay-day"
 name = "{re.sub("[^a-z0-9_-]+", "-", file.stem.lower()).strip("-_")[:64] or "port"}"
 description = "Ropes of {short:g} to {long:g} m, by {" and ".join(lights)}, {", ".join(weathers)}."
-frames = {2 * clip if cycles else 200}
-{plain}optics.exposure.model = "auto"
+frames = {clip * (1 if fixed else 2) if cycles else 200}
+{plain}display.layout = "{display}"
+optics.exposure.model = "auto"
 
 [camera] # {optics}
 width_px = {width}

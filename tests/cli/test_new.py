@@ -67,6 +67,13 @@ def test_an_option_without_effect_is_named(tmp_path):
     assert "--lens: no effect beside --fov" in new(tmp_path / "c.toml", "--fov", 80, "--lens", 4)[1]
 
 
+def test_a_fixed_scene_of_cycles_is_one_clip_that_shows_the_rope_length_if_asked(tmp_path):
+    scene, _ = new(tmp_path / "a.toml", "--motion", "cycles", "--ropes", "8..18", "--fixed", "--display", "two-by-four")
+    assert scene.clip.count(scene.frames) == 1
+    assert scene.display.layout == "two-by-four"
+    assert run("new", tmp_path / "b.toml", "--yes", "--display", "three-by-four")[0] == 2
+
+
 def test_a_lens_without_distortion_is_a_pinhole():
     for across, f_px in ((40, 2637.6), (90, 960)):
         up = 2 * math.degrees(math.atan(540 / f_px))
