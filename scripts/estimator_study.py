@@ -28,8 +28,8 @@ from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import Estimator, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.estimate.intervals import WORKING
-from simgrab.instrument.estimate.measure import stated_ends
 from simgrab.instrument.estimate.pendulum_smoother import WANDER_S
+from simgrab.instrument.estimate.solve import stated_ends
 from simgrab.lab.bench.season import WIND_M_S
 from simgrab.model import scenes
 from simgrab.model.geometry import Array, to_camera

@@ -10,50 +10,37 @@ from numpy.typing import NDArray
 
 from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
-from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, follow
-from simgrab.instrument.estimate.measure import stated_ends
+from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.instrument.forecast import SETTLED_S, Forecast, Forecaster, forecast, joined
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.rope import Rope
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
-from simgrab.model.records.estimates import Estimate
 
 UNSTATED_PX = 1.5  # standard deviation of a pixel whose detector states none
 AT_ONCE = 256  # frames whose forecasts are sampled together
 
 
-@dataclass(frozen=True)
-class RecordArrays:
-    """A record of n frames as arrays.
+@dataclass(frozen=True, kw_only=True)
+class RecordArrays(PixelRecord):
+    """A record of n frames as arrays, and what they were made from.
 
     Attributes
     ----------
+    rope_length : ndarray, shape (n,)
     observations : sequence of n Observation
-    time : ndarray, shape (n,), or None
-        None for independent frames.
-    pixels : ndarray, shape (n, 2)
-        Grab centre; NaN where it was not found.
-    pixel_sd : ndarray, shape (n,)
-        Standard deviation per coordinate, px; 0 where the detector states none.
-    rope : Rope
+    jump : ndarray of bool, shape (n,)
+        As `Rope` has it.
     """
 
+    rope_length: Array
     observations: Sequence[Observation]
-    time: Array | None
-    pixels: Array
-    pixel_sd: Array
-    rope: Rope
+    jump: NDArray[np.bool_]
 
     def direction_sd(self, focal_px: float) -> Array:
         """Return the standard deviation of each direction per axis from the pixel alone, rad, shape (n,)."""
         return np.asarray(np.where(self.pixel_sd > 0, self.pixel_sd, UNSTATED_PX) / focal_px)
-
-    def usable(self, *, rope: bool) -> NDArray[np.bool_]:
-        """Which frames have a pixel and, where it is needed, a rope length: shape (n,)."""
-        found = np.isfinite(self.pixels).all(axis=-1)
-        return np.asarray(found & np.isfinite(self.rope.length) if rope else found)
 
 
 def arrays(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
@@ -62,36 +49,13 @@ def arrays(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
     timed = all(s.time_s is not None for s in observations)
     sd = np.array([s.centre_sd or (0.0, 0.0) for s in observations], float).reshape(-1, 2)
     return RecordArrays(
-        observations,
-        np.array([s.time_s for s in observations], float) if timed else None,
-        np.array([s.centre or nothing for s in observations], float).reshape(-1, 2),
-        np.sqrt(np.mean(sd**2, axis=-1)),
-        rope,
+        pixels=np.array([s.centre or nothing for s in observations], float).reshape(-1, 2),
+        pixel_sd=np.sqrt(np.mean(sd**2, axis=-1)),
+        rope_length=rope.length,
+        time=np.array([s.time_s for s in observations], float) if timed else None,
+        observations=observations,
+        jump=rope.jump,
     )
-
-
-def calibrate(
-    record: RecordArrays, calibration: Calibration, estimator: Estimator, until_s: float | None = None
-) -> Estimate:
-    """Estimate the tilt from a record, or from its first stretch of seconds."""
-    some = record.usable(rope=estimator.needs_rope)
-    if until_s is not None and record.time is not None and len(some):
-        some = some & (record.time < record.time[0] + until_s)
-    return estimator.estimate(
-        record.pixels[some], calibration,
-        rope_length=record.rope.length[some] if estimator.needs_rope else None,
-        time=None if record.time is None else record.time[some],
-        pixel_sd=record.pixel_sd[some],
-    )  # fmt: skip
-
-
-def by_estimate(record: RecordArrays, estimator: Estimator, estimate: Estimate) -> tuple[Array, Array]:
-    """Swing (n,) and its intervals (n, 2) from the estimate itself, for the frames that it used."""
-    assert estimate.alpha is not None
-    some = record.usable(rope=estimator.needs_rope)
-    alpha, ends = np.full(len(some), np.nan), np.full((len(some), 2), np.nan)
-    alpha[some], ends[some] = estimate.alpha, stated_ends(estimate)
-    return alpha, ends
 
 
 def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array, Array]:
@@ -101,7 +65,7 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
     if some.any():
         alpha[some], ends[some], direction[some] = follow(
             tilt, record.pixels[some], calibration,
-            rope_length=None if tilt.offset_m is None else record.rope.length[some], pixel_sd=record.pixel_sd[some],
+            rope_length=None if tilt.offset_m is None else record.rope_length[some], pixel_sd=record.pixel_sd[some],
         )  # fmt: skip
     return alpha, ends, direction
 
@@ -132,7 +96,7 @@ def forecasts(
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
     sd = record.direction_sd(focal_px)
     reported = np.full((len(alpha), 3), np.nan) if reported is None else reported
-    rows = zip(record.time.tolist(), swing[:, None], sd, record.rope.length[:, None], reported[:, None], strict=True)
+    rows = zip(record.time.tolist(), swing[:, None], sd, record.rope_length[:, None], reported[:, None], strict=True)
     states, settled = [], []
     for time, *row in rows:
         states.append(forecaster.step(time, *row))
@@ -161,7 +125,7 @@ def measurements(
     danger = alarm.probability(alpha, *ends.T)
     names = [] if ahead is None else list(vars(ahead))
     next_s = np.array([getattr(ahead, name) for name in names]).T if names else np.empty((len(alpha), 0))
-    rows = zip(record.observations, alpha, ends, danger, record.rope.length, record.rope.jump, next_s, strict=True)
+    rows = zip(record.observations, alpha, ends, danger, record.rope_length, record.jump, next_s, strict=True)
     return tuple(
         _measurement(
             s, a, e, p, rope, jump, refused, dict(zip(names, f.tolist(), strict=True)) if np.isfinite(f).all() else {}

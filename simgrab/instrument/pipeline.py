@@ -17,15 +17,13 @@ from simgrab.errors import RunError
 from simgrab.instrument import angles
 from simgrab.instrument.angles import RecordArrays
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
+from simgrab.instrument.controller import ClockOffset, Controller
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
-from simgrab.instrument.estimate.doubts import doubt
 from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.estimate.intervals import WORKING, IntervalSettings
-from simgrab.instrument.estimate.measure import by_swing, in_wind, informed
-from simgrab.instrument.estimate.tables import PixelRecord
+from simgrab.instrument.estimate.solve import in_wind, informed, on_clock, solve, stated_ends
 from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.observation import Observation, observe, one
@@ -221,27 +219,19 @@ class Pipeline:
 
     def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> MeasuredRecord:
         """Estimate angles from a record of observations."""
-        ropes, controller, clock = rope(observations, calibration, self.bridge), self.controller, None
+        record = angles.arrays(observations, rope(observations, calibration, self.bridge))
+        controller, clock = self.controller, None
         if controller is not None:
-            time = _times(observations)
-            clock = clock_offset(controller, time, ropes.length)
-            controller = controller.shifted(clock)
-            ropes = _with_lengths(ropes, controller, time)
-        record, estimate, tilt, why = angles.arrays(observations, ropes), None, self.tilt, ""
+            controller, clock = on_clock(controller, record)
         estimator = informed(self.chosen(calibration), controller, record.pixel_sd, self._calibrated(record.time))
-        if tilt is None:
+        estimate, tilt, why = None, self.tilt, ""
+        if tilt is not None:
+            record = record.with_lengths(controller)
+        else:
             if self.calibrate_s is not None and record.time is None:
                 raise RunError("independent frames have no first part to calibrate on")
-            estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
-            if (moved := by_swing(controller, estimator, estimate)) is not None:
-                record = angles.arrays(observations, _with_lengths(ropes, moved, _times(observations)))
-                estimate = angles.calibrate(record, calibration, estimator, self.calibrate_s)
-            some = record.usable(rope=estimator.needs_rope)
-            if record.time is not None:
-                arrays = (record.pixels, record.rope.length, record.time, record.pixel_sd)
-                why = doubt(estimator, PixelRecord(*(of[some] for of in arrays)), calibration, estimate)
+            record, estimate, why = solve(record, calibration, estimator, controller, self.calibrate_s)
             if not estimate.ok:
-                estimate = replace(estimate, reason="; ".join(filter(None, [estimate.reason, why])))
                 nothing = np.full((len(observations), 3), np.nan)
                 refused = f"no tilt: {estimate.reason}"
                 return MeasuredRecord(
@@ -250,7 +240,8 @@ class Pipeline:
             tilt = known(estimate)
         alpha, ends, swing = angles.by_tilt(record, tilt, calibration)
         if estimate is not None and self.calibrate_s is None:
-            alpha, ends = angles.by_estimate(record, estimator, estimate)
+            assert estimate.alpha is not None
+            alpha, ends = estimate.alpha, stated_ends(estimate)
         ahead_s = None
         if estimate is None or not moving(estimator):
             # Forecasts rest on the tilt of all of the record, but on no later frames.
@@ -280,18 +271,16 @@ class Pipeline:
             controller = self.controller if self.feed is None else self.feed.poll(at)
             recent = _recent(observations)
             ropes = rope(recent, calibration, self.bridge)
-            if controller is not None:
-                ropes = _with_lengths(ropes, controller, _times(recent))
-            lengths.append(float(ropes.length[-1]))
+            newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:])).with_lengths(controller)
+            lengths.append(float(newest.rope_length[0]))
             if at - start >= due:
                 due = at - start + AGAIN_S
                 old = sum(_time(s) < at - KEPT_S for s in observations)
                 del observations[:old], lengths[:old]
                 if estimated:
-                    whole = _whole(observations, lengths)
-                    found = angles.calibrate(whole, calibration, in_wind(estimator, self.controller, whole.time))
+                    whole = angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
+                    found = whole.estimate(in_wind(estimator, self.controller, whole.time), calibration)
                     tilt = known(found) if found.ok else tilt
-            newest = angles.arrays(recent[-1:], replace(ropes, length=ropes.length[-1:], jump=ropes.jump[-1:]))
             alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""
             if tracker is not None:
                 alpha[0], ends[0] = tracker.step(at, observations[-1].centre, lengths[-1])
@@ -314,7 +303,7 @@ class Pipeline:
                 watch.controller(at, controller, self.feed)
             used, before = tilt, tilt
             sd = newest.direction_sd(calibration.focal_length_px)
-            if tracker is None and watch.knock(at, swing, sd, newest.rope.length):
+            if tracker is None and watch.knock(at, swing, sd, newest.rope_length):
                 tilt, estimated, forecaster, start, due = None, True, Forecaster(), watch.since, WARM_UP_S
                 old = sum(_time(s) < start for s in observations)
                 del observations[:old], lengths[:old]
@@ -365,21 +354,6 @@ def moving(estimator: Estimator | None) -> bool:
     return estimator is not None and (estimator.needs_imu or getattr(estimator, "controller", None) is not None)
 
 
-def _with_lengths(ropes: Rope, controller: Controller, time: Array) -> Rope:
-    """Put the controller's lengths in place of the display's, where it has some."""
-    if controller.rope is None:
-        return ropes
-    lengths = controller.rope_at(time)
-    return replace(ropes, length=np.where(np.isfinite(lengths), lengths, ropes.length))
-
-
-def _times(observations: Sequence[Observation]) -> Array:
-    times = [s.time_s for s in observations]
-    if None in times:
-        raise RunError("the controller's data need frames that follow each other in time")
-    return np.array(times, float)
-
-
 def _time(observation: Observation) -> float:
     assert observation.time_s is not None
     return observation.time_s
@@ -391,10 +365,6 @@ def _recent(observations: Sequence[Observation]) -> list[Observation]:
     while kept and _time(observations[kept - 1]) >= first:
         kept -= 1
     return list(observations[kept:])
-
-
-def _whole(observations: Sequence[Observation], lengths: Sequence[float]) -> RecordArrays:
-    return angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
 
 
 def assemble(

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from simgrab.instrument.estimate import PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.doubts import doubt, follows
 from simgrab.instrument.estimate.pendulum_smoother import NOT_CONVERGED
-from simgrab.instrument.estimate.tables import PixelRecord
+from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.model.records.estimates import Estimate
 from tests.instrument.test_controller_fusion import controller
 
@@ -25,7 +25,9 @@ FORCED = Estimate(diagnostics={"forcing": 1e-2, "lean_sd": 5e-3, "follows": 0.0,
 def given(mount, seed):
     crane = swinging.record(fixed=False, frames=400, seed=seed, camera__mount={"model": mount})
     pixels = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
-    record = PixelRecord(pixels, np.round(crane.rope, 2), crane.time, np.full(len(pixels), 1.3))
+    record = PixelRecord(
+        pixels=pixels, pixel_sd=np.full(len(pixels), 1.3), rope_length=np.round(crane.rope, 2), time=crane.time
+    )
     reports = replace(controller(crane.time, crane.jib), clock_sd_s=0.1)
     return record, crane.calibration, reports
 

@@ -12,11 +12,12 @@ import pytest
 import tomli_w
 
 from simgrab.errors import RecordError
-from simgrab.instrument import angles, video
 from simgrab.instrument import pipeline as rooms
+from simgrab.instrument import video
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.controller_feed import ControllerFeed
 from simgrab.instrument.estimate import MeanRay
+from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.instrument.faults import FaultWatch
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run import run as running
@@ -53,8 +54,8 @@ def lives(observations, camera, **settings):
 
 def test_memory_is_bounded(crane, monkeypatch):
     monkeypatch.setattr(rooms, "KEPT_S", 15.0)
-    lengths, calibrate = [], angles.calibrate
-    monkeypatch.setattr(angles, "calibrate", lambda r, *rest: lengths.append(len(r.time)) or calibrate(r, *rest))
+    lengths, estimate = [], PixelRecord.estimate
+    monkeypatch.setattr(PixelRecord, "estimate", lambda r, *rest: lengths.append(len(r.time)) or estimate(r, *rest))
     list(made(estimator=MeanRay()).live([Frame(None, i / 9, "lost") for i in range(800)], crane.calibration))
     assert len(lengths) > 5
     assert max(lengths[1:]) == 15 * 9 + 1

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
 from simgrab.instrument.controller import RADIUS_M, Controller
 from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.pendulum_smoother import NOT_CONVERGED, PendulumSmoother
-from simgrab.instrument.estimate.tables import PixelRecord
+from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.model.calibration import Calibration
 from simgrab.model.records.estimates import Estimate
 
@@ -64,9 +64,7 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
     some, nearby = _stretch(record, estimator.controller)
     costs = {}
     for text, one in _mistakes(nearby):
-        tried = replace(estimator, controller=one).estimate(
-            some.pixels, calibration, rope_length=some.rope_length, time=some.time, pixel_sd=some.pixel_sd
-        )
+        tried = some.estimate(replace(estimator, controller=one), calibration)
         likely = tried.ok if text == STATED else follows(tried)
         costs[text] = float(tried.diagnostics["cost"]) if likely else np.inf
     first, *others = sorted(costs, key=lambda text: costs[text])
@@ -113,9 +111,9 @@ def _stretch(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, 
     way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
     starts = np.arange(record.time[0], max(record.time[-1] - STRETCH_S, record.time[0]) + 1, STRETCH_S / 6)
     begin = starts[np.argmax(np.diff([np.interp(starts + at, controller.time, way) for at in (0, STRETCH_S)], axis=0))]
-    inside = np.flatnonzero((record.time >= begin) & (record.time <= begin + STRETCH_S))
-    inside = inside[:: max(int(STEP_S / np.median(np.diff(record.time))), 1)]
-    some = PixelRecord(*(getattr(record, field.name)[inside] for field in fields(record)))
+    within = (record.time >= begin) & (record.time <= begin + STRETCH_S)
+    inside = np.flatnonzero(within & record.usable(rope=True))
+    some = record.part(inside[:: max(int(STEP_S / np.median(np.diff(record.time))), 1)])
     reach = AROUND_S + 4 * controller.clock_sd_s
     near = (controller.time > begin - reach) & (controller.time < begin + STRETCH_S + reach)
     series = {name: getattr(controller, name) for name in ("time", "slew", "radius", "rope")}

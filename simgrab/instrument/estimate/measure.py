@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from simgrab.errors import RecordError, first_line
 from simgrab.instrument import alarm
-from simgrab.instrument.controller import ClockOffset, Controller, clock_offset, in_words
+from simgrab.instrument.controller import ClockOffset, in_words
 from simgrab.instrument.controller_file import read_controller
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, PendulumSmoother, RopeAware
-from simgrab.instrument.estimate.doubts import doubt
 from simgrab.instrument.estimate.follow import far_offset
 from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.estimate.intervals import WORKING
-from simgrab.instrument.estimate.tables import PixelRecord, read_record
+from simgrab.instrument.estimate.record import PixelRecord
+from simgrab.instrument.estimate.solve import informed, on_clock, solve, stated_ends
+from simgrab.instrument.estimate.tables import read_record
 from simgrab.model import calibration as camera_file
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -31,7 +32,6 @@ _ANGLES = ("beta_history", "lean_sd")
 _SQUARED_ANGLES = ("sigma2_history",)
 # An offset that looks like less tilt than this is not worth a warning.
 _LEAST_TILT = np.deg2rad(0.1)
-LEAST_CHANGE_M = 0.2  # of the rope's length: with less, an estimate on another clock is the same
 
 
 @dataclass(frozen=True)
@@ -143,24 +143,19 @@ def measure(
     kind = _kind(estimator)(intervals=WORKING)
     kind = kind if readings is None else PendulumSmoother(imu=readings, intervals=WORKING)
     needs_rope = kind.needs_rope and (controller is None or controller.rope is None)
-    record = read = read_record(path, calibration, rope=needs_rope, time=kind.needs_time or controller is not None)
+    record = read_record(path, calibration, rope=needs_rope, time=kind.needs_time or controller is not None)
     clock: ClockOffset | None = None
     if controller is not None:
-        record, controller, clock = _on_its_clock(record, controller)
+        controller, clock = on_clock(controller, record)
     kind = informed(kind, controller, record.pixel_sd, record.time)
-    present = int(np.isfinite(_usable(record, kind)[0].pixels).all(axis=-1).sum())
+    present = int(record.with_lengths(controller).usable(rope=kind.needs_rope).sum())
     if present < kind.parameters:
+        what = "a pixel and a rope length" if kind.needs_rope else "a pixel"
         raise RecordError(
-            f"{path}: {present} of {len(record.pixels)} rows have a pixel; {kind.name} needs at least "
+            f"{path}: {present} of {len(record.pixels)} rows have {what}; {kind.name} needs at least "
             f"{kind.parameters}, one for each parameter"
         )
-    found = _estimated(kind, record, calibration)
-    if (moved := by_swing(controller, kind, found)) is not None:
-        record = _with_rope(read, moved)
-        found = _estimated(kind, record, calibration)
-    why = doubt(kind, _usable(record, kind)[0], calibration, found)
-    if not found.ok:
-        found, why = replace(found, reason="; ".join(filter(None, [found.reason, why]))), ""
+    record, found, why = solve(record, calibration, kind, controller)
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
     by_motion = getattr(kind, "controller", None) is not None and not kind.needs_imu
     far = "" if found.offset is None else far_offset(found.offset.tolist(), calibration, by_motion=by_motion)
@@ -172,80 +167,6 @@ def measure(
         wind = f"controller's wind: {kind.intervals.wind_m_s:.1f} m/s" if controller.wind is not None else ""
         notes = (*controller.notes, clock.note, f"controller's clock: {said}", wind)
     return EstimatedRecord(record, calibration, found, tuple(filter(None, (*notes, *warnings, far, why))))
-
-
-def _usable(record: PixelRecord, estimator: Estimator) -> tuple[PixelRecord, NDArray[np.bool_]]:
-    """Return the rows that an estimator can use, as in a run: those with a rope length, if it needs one; and which."""
-    length = record.rope_length if estimator.needs_rope else None
-    some = np.ones(len(record.pixels), bool) if length is None else np.isfinite(length)
-    time = None if record.time is None else record.time[some]
-    return PixelRecord(record.pixels[some], None if length is None else length[some], time, record.pixel_sd[some]), some
-
-
-def _estimated(estimator: Estimator, record: PixelRecord, calibration: Calibration) -> Estimate:
-    """Estimate from the usable rows; others get an α of NaN."""
-    part, some = _usable(record, estimator)
-    found = estimator.estimate(
-        part.pixels, calibration, rope_length=part.rope_length, time=part.time, pixel_sd=part.pixel_sd
-    )
-
-    def whole(of_some: Array | None) -> Array | None:
-        if of_some is None:
-            return None
-        full = np.full((len(some), *of_some.shape[1:]), np.nan)
-        full[some] = of_some
-        return full
-
-    intervals = tuple(replace(one, alpha=whole(one.alpha)) for one in found.intervals)
-    return replace(found, alpha=whole(found.alpha), intervals=intervals)
-
-
-def by_swing(controller: Controller | None, estimator: Estimator, estimate: Estimate) -> Controller | None:
-    """Put a controller on the clock that the swing shows; None if it shows none, or no length of the rope changes."""
-    late = None if estimator.needs_imu else estimate.diagnostics.get("clock_s")
-    if late is None or controller is None or controller.rope is None:
-        return None
-    moved = controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
-    change = np.abs(moved.rope_at(controller.time) - controller.rope)
-    return moved if np.nanmax(change) > LEAST_CHANGE_M else None
-
-
-def in_wind(estimator: Estimator, controller: Controller | None, time: Array | None) -> Estimator:
-    """Give an estimator the wind that a controller reports at times (m,), unless one was stated."""
-    if controller is None or controller.wind is None or time is None or estimator.intervals.wind_m_s:
-        return estimator
-    return replace(estimator, intervals=replace(estimator.intervals, wind_m_s=controller.wind_m_s(time)))
-
-
-def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Array, time: Array | None) -> Estimator:
-    """Give an estimator what it uses: the controller's report of jib and wind, and the detector's deviation."""
-    stated, given = pixel_sd[pixel_sd > 0], dict[str, Any]()
-    estimator = in_wind(estimator, controller, time)
-    if controller is not None and controller.reports_motion:
-        given["controller"] = controller
-    if len(stated):
-        given["wander_px"] = float(np.median(stated))
-    taken = {name: value for name, value in given.items() if hasattr(estimator, name)}
-    return replace(estimator, **taken) if taken else estimator
-
-
-def _on_its_clock(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, Controller, ClockOffset]:
-    """Put a controller on a record's clock, and take its rope's lengths."""
-    assert record.time is not None
-    display = np.full(len(record.time), np.nan) if record.rope_length is None else record.rope_length
-    clock = clock_offset(controller, record.time, display)
-    controller = controller.shifted(clock)
-    return record if controller.rope is None else _with_rope(record, controller), controller, clock
-
-
-def _with_rope(record: PixelRecord, controller: Controller) -> PixelRecord:
-    """Take the controller's lengths, and the record's own where it has none; NaN where neither has one."""
-    assert record.time is not None
-    length = controller.rope_at(record.time)
-    length = length if record.rope_length is None else np.where(np.isfinite(length), length, record.rope_length)
-    if not np.isfinite(length).any():
-        raise RecordError("the controller's data and the frames have no time in common")
-    return replace(record, rope_length=length)
 
 
 def _of_offset(estimator: str, record: PixelRecord, calibration: Calibration) -> tuple[str, ...]:
@@ -281,16 +202,6 @@ def above(estimate: Estimate) -> dict[str, float | None]:
     if estimate.alpha is None:
         return alarm.share(*np.empty((3, 0)))
     return alarm.share(estimate.alpha, *stated_ends(estimate).T)
-
-
-def stated_ends(estimate: Estimate) -> Array:
-    """Intervals (n, 2) of α that a run states: by a model of the motion, else by blocks, else by frames, else NaN."""
-    kinds = {i.kind: i.alpha for i in estimate.intervals if i.alpha is not None}
-    stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
-    if stated is not None:
-        return np.asarray(stated)
-    assert estimate.alpha is not None
-    return np.full((len(estimate.alpha), 2), np.nan)
 
 
 def estimate_json(estimate: Estimate) -> dict[str, Any]:

@@ -7,7 +7,6 @@ import itertools
 import re
 from collections.abc import Collection
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ import pyarrow.compute
 import pyarrow.csv
 
 from simgrab.errors import RecordError, first_line
+from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.io.parquet import read_table
 from simgrab.io.parse import cannot, opened
 from simgrab.model.calibration import Calibration
@@ -30,28 +30,6 @@ _LONGEST_ROPE_M = 200.0
 _PIXELS = (("u_px", "v_px"), ("grab_u_px", "grab_v_px"))
 _DEVIATIONS = ("u_sd_px", "v_sd_px")  # as a run's angles.csv has them
 HEADER = "u_px, v_px[, u_sd_px, v_sd_px, rope_length_m, time_s]"
-
-
-@dataclass(frozen=True)
-class PixelRecord:
-    r"""One record of n frames.
-
-    Attributes
-    ----------
-    pixels : ndarray, shape (n, 2)
-        Grab centre as the picture has it; NaN where it was not found.
-    rope_length : ndarray, shape (n,), or None
-        \|OA\|, m; None if it is not required, and is missing or invalid in any row.
-    time : ndarray, shape (n,), or None
-        Seconds.
-    pixel_sd : ndarray, shape (n,)
-        Standard deviation per coordinate, px; 0 where it is not stated.
-    """
-
-    pixels: Array
-    rope_length: Array | None
-    time: Array | None
-    pixel_sd: Array
 
 
 def read_record(path: str | Path, calibration: Calibration, *, rope: bool = False, time: bool = False) -> PixelRecord:
@@ -100,7 +78,7 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
             )
     stated = [_deviation(path, table, name) for name in _DEVIATIONS if name in table.column_names]
     sd = np.sqrt(np.mean(np.square(stated), axis=0)) if stated else np.zeros(len(pixels))
-    return PixelRecord(pixels, length, seconds, sd)
+    return PixelRecord(pixels=pixels, pixel_sd=sd, rope_length=length, time=seconds)
 
 
 def _pixel_columns(path: str | Path, names: list[str]) -> tuple[str, str]:

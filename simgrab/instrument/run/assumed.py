@@ -9,10 +9,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from simgrab.instrument.angles import by_estimate, calibrate
 from simgrab.instrument.contract import Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known, far_offset
-from simgrab.instrument.estimate.measure import in_wind
+from simgrab.instrument.estimate.solve import in_wind, stated_ends
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -116,10 +115,10 @@ def _widths(camera: Calibration, record: MeasuredRecord | None, instrument: Inst
         return None
     x, y, z = estimate.offset.tolist()  # so that the estimate itself stays the same
     exact = msgspec.structs.replace(camera, offset_m=(x, y, z), offset_sd_m=0.0)
-    again = calibrate(record.arrays, exact, estimator)
+    again = record.arrays.estimate(estimator, exact)
     if not again.ok:
         return None
-    width, less = (_width(by_estimate(record.arrays, estimator, one)[1]) for one in (estimate, again))
+    width, less = (_width(stated_ends(one)) for one in (estimate, again))
     return None if math.isnan(width + less) else (width, max(width - less, 0.0))
 
 

@@ -12,6 +12,7 @@ from simgrab.instrument import angles
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.estimate import Estimator, PendulumSmoother, ZeroTilt
 from simgrab.instrument.estimate.frames import groups
+from simgrab.instrument.estimate.solve import stated_ends
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.rope import Rope
 from simgrab.lab.rivals.contract import Series
@@ -55,11 +56,11 @@ def conclude(
     if estimator.needs_rope and np.isnan(length).any():
         return angles.measurements(record, alpha, ends, f"{estimator.name} needs rope lengths, and frames with times")
     try:
-        estimate = angles.calibrate(record, calibration, estimator)
+        estimate = record.estimate(estimator, calibration)
     except RecordError as problem:
         return angles.measurements(record, alpha, ends, str(problem))
-    if estimate.ok:
-        alpha, ends = angles.by_estimate(record, estimator, estimate)
+    if estimate.alpha is not None:
+        alpha, ends = estimate.alpha, stated_ends(estimate)
     return angles.measurements(record, alpha, ends, estimate.reason or "the estimator found no angle")
 
 

@@ -210,7 +210,7 @@ def _records(scenario: Scenario, seed: int, trials: Sequence[int], watched: Sequ
     )
     return Records(
         pixels=np.stack([one.arrays.pixels for one in watched]),
-        rope=np.stack([one.arrays.rope.length for one in watched]),
+        rope=np.stack([one.arrays.rope_length for one in watched]),
         time=watched[0].arrays.time,
         calibration=watched[0].calibration,
         alpha=np.where([one.present for one in watched], alpha, np.nan),
@@ -268,7 +268,7 @@ def _mark(picture: Picture, true: Array, detected: Array, scale: float, corner: 
 def _caption(watched: Watched, index: int) -> str:
     observation = watched.arrays.observations[index]
     alpha, rope_m = np.degrees(watched.truth[0, index]), watched.truth[2, index]
-    length = watched.arrays.rope.length[index]
+    length = watched.arrays.rope_length[index]
     centre = f"centre off by {watched.off_px[index]:.1f} px" if observation.centre else observation.missed
     if not watched.present[index]:
         centre = f"no grab there: {'found one' if observation.centre else 'none found'}"

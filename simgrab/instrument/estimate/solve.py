@@ -1,0 +1,113 @@
+"""Estimate one record with what the crane's controller reports beside the pictures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from simgrab.errors import RecordError
+from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
+from simgrab.instrument.estimate.contract import Estimator
+from simgrab.instrument.estimate.doubts import doubt
+from simgrab.instrument.estimate.record import PixelRecord
+from simgrab.model.calibration import Calibration
+from simgrab.model.geometry import Array
+from simgrab.model.records.estimates import Estimate
+
+LEAST_CHANGE_M = 0.2  # of the rope's length: with less, an estimate on another clock is the same
+R = TypeVar("R", bound=PixelRecord)
+
+
+class Solved(NamedTuple, Generic[R]):
+    """An estimate, the record with the rope lengths that it used, and what the swing contradicts; mostly empty."""
+
+    record: R
+    estimate: Estimate
+    doubt: str
+
+
+def on_clock(controller: Controller, record: PixelRecord) -> tuple[Controller, ClockOffset]:
+    """Put a controller on the clock of a record, whose rope lengths are of a display; and by how much it was off.
+
+    Raises
+    ------
+    RecordError
+        For independent frames, and as `clock_offset` does.
+    """
+    if record.time is None:
+        raise RecordError("the controller's data need frames that follow each other in time")
+    read = np.full(len(record.time), np.nan) if record.rope_length is None else record.rope_length
+    clock = clock_offset(controller, record.time, read)
+    return controller.shifted(clock), clock
+
+
+def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Array, time: Array | None) -> Estimator:
+    """Give an estimator what it uses: the controller's report of jib and wind, and the detector's deviation."""
+    stated, given = pixel_sd[pixel_sd > 0], dict[str, Any]()
+    estimator = in_wind(estimator, controller, time)
+    if controller is not None and controller.reports_motion:
+        given["controller"] = controller
+    if len(stated):
+        given["wander_px"] = float(np.median(stated))
+    taken = {name: value for name, value in given.items() if hasattr(estimator, name)}
+    return replace(estimator, **taken) if taken else estimator
+
+
+def in_wind(estimator: Estimator, controller: Controller | None, time: Array | None) -> Estimator:
+    """Give an estimator the wind that a controller reports at times (m,), unless one was stated."""
+    if controller is None or controller.wind is None or time is None or estimator.intervals.wind_m_s:
+        return estimator
+    return replace(estimator, intervals=replace(estimator.intervals, wind_m_s=controller.wind_m_s(time)))
+
+
+def solve(
+    record: R,
+    calibration: Calibration,
+    estimator: Estimator,
+    controller: Controller | None = None,
+    until_s: float | None = None,
+) -> Solved[R]:
+    """Estimate a record, with the rope lengths of the clock that the swing shows.
+
+    Parameters
+    ----------
+    record : PixelRecord
+    calibration : Calibration
+    estimator : Estimator
+        As `informed` returns it.
+    controller : Controller, optional
+        On the clock of the record.
+    until_s : float, optional
+        Seconds at the beginning from which the tilt is estimated.
+    """
+    used = record.with_lengths(controller)
+    found = used.estimate(estimator, calibration, until_s)
+    if (moved := _by_swing(controller, estimator, found)) is not None:
+        used = record.with_lengths(moved)
+        found = used.estimate(estimator, calibration, until_s)
+    why = doubt(estimator, used, calibration, found)
+    if found.ok:
+        return Solved(used, found, why)
+    return Solved(used, replace(found, reason="; ".join(filter(None, [found.reason, why]))), "")
+
+
+def _by_swing(controller: Controller | None, estimator: Estimator, estimate: Estimate) -> Controller | None:
+    """Put a controller on the clock that the swing shows; None if it shows none, or no length of the rope changes."""
+    late = None if estimator.needs_imu else estimate.diagnostics.get("clock_s")
+    if late is None or controller is None or controller.rope is None:
+        return None
+    moved = controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
+    change = np.abs(moved.rope_at(controller.time) - controller.rope)
+    return moved if np.nanmax(change) > LEAST_CHANGE_M else None
+
+
+def stated_ends(estimate: Estimate) -> Array:
+    """Intervals (n, 2) of α that a run states: by a model of the motion, else by blocks, else by frames, else NaN."""
+    kinds = {i.kind: i.alpha for i in estimate.intervals if i.alpha is not None}
+    stated = next((kinds[kind] for kind in ("posterior", "blocks", "iid") if kind in kinds), None)
+    if stated is not None:
+        return np.asarray(stated)
+    assert estimate.alpha is not None
+    return np.full((len(estimate.alpha), 2), np.nan)
