@@ -45,7 +45,7 @@ def paper_identities(rows: Sequence[Truth]) -> Proof:
         found.expect(
             abs(second) <= IDENTITY_TOLERANCE, f"frame {row.frame}, theta_deg", f"eq. (2) is off by {second:.3g}"
         )
-    return found.proof("eqs (1) and (2) of the paper hold", f"worst residual {worst:.1e}")
+    return found.proof("eqs (1) and (2) of the paper hold, seen from the camera", f"worst residual {worst:.1e}")
 
 
 def _as_one_body(_row: Truth) -> tuple[Suspension, float]:

@@ -29,6 +29,11 @@ _LEAN_PER_WIND2 = 0.5 * 1.2 * 10.0 / (10_500 * STANDARD_GRAVITY)  # rad per (m/s
 _LEAN_PER_RPM2 = (2 * math.pi / 60) ** 2 * 25.0 / STANDARD_GRAVITY
 _PITCH_PER_M = 2 * DEG  # of a camera bolted to the fly-jib that luffs
 
+# Fields of a situation that physics, and a mount that moves, take the place of.
+_OF_SWING = {"law", "sigma", "kappa", "towards", "axial", "flatness", "unevenness", "lean", "correlation", "memory_s",
+             "rope_m"}  # fmt: skip
+_OF_CAMERA = {"luffing", "levelling", "tremble"}
+
 Change = Callable[[Situation, Any], dict[str, Any]]
 
 
@@ -67,6 +72,15 @@ class Axis:
         if not isinstance(value, str) and not self.low <= value <= self.high:
             raise StressError(f"{self.name}: must lie in [{self.low:g}, {self.high:g}], got {value:g}")
         return replace(situation, **self.change(situation, value))
+
+    def overridden(self, situation: Situation, value: Value) -> str:
+        """Name what of a situation takes the place of the axis; empty if nothing does."""
+        sets = {"sigma"} if self.key.startswith("swing.") else set() if self.key else set(self.change(situation, value))
+        if situation.motion and sets & _OF_SWING:
+            return f"the physics of {situation.motion!r} makes the swing and the rope's length"
+        if situation.mount != "fixed" and sets & _OF_CAMERA:
+            return f"the mount {situation.mount!r} moves the camera"
+        return ""
 
 
 def _field(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simgrab.errors import StressError
 from simgrab.lab.stress import swings
 from simgrab.lab.stress.records import PROBE_ALPHA, PROBES, Records
 from simgrab.lab.stress.situation import KEYS as KEYS
@@ -35,13 +36,22 @@ def draw(situation: Situation, seed: int, trials: Sequence[int]) -> Records:
     seed : int
     trials : sequence of int
         Numbers of the replications.
+
+    Raises
+    ------
+    StressError
+        If they are all the same.
     """
     draws, probes = Draws(seed, trials, situation.frames), Draws(seed, trials, PROBES)
     motion = swings.draw(situation, draws)
     ring = swings.ring(probes, motion, PROBE_ALPHA, situation.azimuth)
+    pixels = _missed(situation, draws, motion, _seen(situation, draws, motion))
+    rope = swings.reported_rope(situation, draws, motion.rope)
+    if len(trials) > 1 and not any(np.nanmax(np.ptp(of, axis=0), initial=0.0) for of in (pixels, rope)):
+        raise StressError(f"motion: {situation.motion!r} varies nothing: each replication would be the same record")
     return Records(
-        pixels=_missed(situation, draws, motion, _seen(situation, draws, motion)),
-        rope=swings.reported_rope(situation, draws, motion.rope),
+        pixels=pixels,
+        rope=rope,
         time=np.arange(situation.frames) / situation.rate_hz,
         calibration=situation.nominal,
         alpha=motion.alpha,

@@ -20,6 +20,7 @@ MARGIN_DEG = 1.0
 COLUMNS = MappingProxyType(
     {
         "beta_error_deg": "β̂ − β",
+        "tilt_error_deg": "angle between the estimated and the true vertical in the camera frame",
         "sigma_error_deg": "σ̂ − σ, against √E[α²]",
         "alpha_error_deg": "mean of α̂ − α over the frames",
         "alpha_rms_deg": "root mean square of α̂ − α over the frames",
@@ -72,9 +73,11 @@ def score(estimates: Estimates, records: Records) -> dict[str, NDArray[Any]]:
         size = np.where(np.isfinite(values), np.abs(values), -1.0).max(axis=-1)
         return np.where(size >= 0, size, np.nan)
 
+    true = gravity(np.array(records.beta), np.array(records.azimuth))
     iterations = estimates.diagnostics.get("iterations", nothing)
     numbers = {
         "beta_error_deg": np.rad2deg(estimates.beta - records.beta),
+        "tilt_error_deg": np.rad2deg(_between(gravity(estimates.beta, estimates.tilt_azimuth), true)),
         "sigma_error_deg": np.rad2deg(estimates.sigma - records.sigma),
         "alpha_error_deg": row_mean(swing),
         "alpha_rms_deg": np.sqrt(row_mean(swing**2)),
@@ -101,11 +104,14 @@ def probe_alpha(estimates: Estimates, records: Records) -> Array:
     rays = records.calibration.intrinsics.rays(records.probe_pixels) @ mount_from_camera(records.calibration).T
     down = gravity(estimates.beta, estimates.tilt_azimuth)
     if estimates.offset is None:
-        cosine = (rays @ down[..., None])[..., 0]
-        sine = np.linalg.norm(np.cross(rays, down[:, None]), axis=-1)
-        return np.asarray(np.arctan2(sine, cosine))
+        return _between(rays, down[:, None])
     m, k, _ = rays.shape
     frames = Frames(np.ascontiguousarray(rays.swapaxes(1, 2)), None, np.full(m, float(k)), None, None)
     with np.errstate(invalid="ignore"):
         x, y = swings(frames, 1 / records.probe_rope, down, estimates.offset).swapaxes(0, 1)
         return np.asarray(np.arcsin(np.minimum(np.hypot(x, y), 1.0)))
+
+
+def _between(one: Array, other: Array) -> Array:
+    """Angle between unit vectors (..., 3), rad."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(one, other), axis=-1), np.sum(one * other, axis=-1)))

@@ -165,6 +165,9 @@ def _situation(base: str, settings: tuple[tuple[str, Value], ...]) -> Situation:
         axis = axis_of(name)
         if not axis.key:
             result = axis.apply(result, value)
+    for name, value in settings:
+        if value != (axis := axis_of(name)).holds and (by := axis.overridden(result, value)):
+            raise StressError(f"{name}: has no effect, because {by}")
     return result
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from simgrab.errors import StressError
 from simgrab.lab.stress.situation import Situation
 from simgrab.model import scenes
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
@@ -213,8 +212,6 @@ def _physics(situation: Situation, draws: Draws) -> ReplicatedMotion:
             for trial in draws.trials
         ]
     )
-    if len(rows) > 1 and not np.ptp(rows, axis=0).any():
-        raise StressError(f"motion: {situation.motion!r} varies nothing: each replication would be the same record")
     alpha, azimuth, rope = np.moveaxis(rows[..., :3], -1, 0)
     tilt = None if situation.mount == "fixed" else np.ascontiguousarray(rows[..., 3:].swapaxes(1, 2))
     return ReplicatedMotion(alpha, azimuth, rope, tilt, np.sqrt(np.mean(alpha**2, axis=-1)))

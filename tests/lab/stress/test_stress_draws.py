@@ -8,7 +8,7 @@ import pytest
 from stress_runs import small
 
 from simgrab.errors import StressError
-from simgrab.lab.stress import geometric, swings
+from simgrab.lab.stress import catalogue, geometric, swings
 from simgrab.lab.stress.axes import AXES
 from simgrab.lab.stress.laws import LAWS
 from simgrab.lab.stress.study import situation
@@ -167,6 +167,33 @@ def test_axes_say_what_they_are():
 
 def test_physics_that_varies_nothing_has_no_replications():
     study = msgspec.structs.replace(small("mount", n=10), given={"motion": "free-swing"})
-    assert swings.draw(situation(study, ("fixed",)), Draws(0, [0], 10)).alpha.shape == (1, 10)
+    assert geometric.draw(situation(study, ("fixed",)), 0, [0]).alpha.shape == (1, 10)
     with pytest.raises(StressError, match="'free-swing' varies nothing: each replication would be the same record"):
-        swings.draw(situation(study, ("fixed",)), Draws(0, [0, 1], 10))
+        geometric.draw(situation(study, ("fixed",)), 0, [0, 1])
+
+
+@pytest.mark.parametrize(
+    ("over", "axes"),
+    [
+        ("motion", {"motion": "wind-only", "wind": 12.0}),
+        ("motion", {"motion": "work-cycles", "sigma": 4.0}),
+        ("motion", {"motion": "work-cycles", "rope": 20.0}),
+        ("motion", {"motion": "work-cycles", "swing.rope_length_m": 20.0}),
+        ("mount", {"mount": "levelled", "vibration": 0.1}),
+    ],
+)
+def test_what_physics_overrides_is_refused(over, axes):
+    *_, name = axes
+    with pytest.raises(StressError, match=rf"^{name}: has no effect, because the .*'{axes[over]}'"):
+        situation(small("planted", n=10, given=axes), (0.0,))
+    kept = {"motion": "work-cycles", "wind": 0.0, "sigma": 2.0, "vibration": 0.1, "rope-lag": 1.0}
+    assert situation(small("planted", n=10, given=kept), (0.0,)).tremble > 0
+
+
+@pytest.mark.parametrize("name", [name for name in catalogue.of("geometric") if name != "convergence"])
+def test_every_bundled_study_draws_replications(name):
+    study = msgspec.structs.replace(catalogue.load(name), n=10)
+    for point in study.points[:: max(len(study.points) // 4, 1)]:
+        made = situation(study, point)
+        if made.frames <= 3699:
+            assert geometric.draw(made, 0, [0, 1]).alpha.shape == (2, made.frames)
