@@ -73,7 +73,7 @@ def show(scores: dict[str, Any]) -> None:
     """Print the tables."""
     console = Console(width=WIDTH)
     if "overall" in scores:
-        groups = {"overall": scores["overall"], "half visible": scores["half_visible"]} | scores["by_weather"]
+        groups = {"overall": scores["overall"], "half visible or more": scores["half_visible"]} | scores["by_weather"]
         console.print(boxes_table(scores["detector"], groups))
         console.print(centres_table({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
     if "real" in scores:
@@ -93,8 +93,8 @@ def boxes_table(name: str, groups: dict[str, Any]) -> Table:
     """Show boxes of groups of frames, as `simgrab.judge.evaluate.detection.figures` gives them."""
     table = _table(
         f"{name}: boxes, and the share of errors that stated 95 % intervals hold",
-        ("", "grab", "mAP50-95", "mAP50", "recall", "missed in", "longest miss", "empty", "false boxes", "false in",
-         "box", "centre", "yaw"),
+        ("", "grab", "mAP50-95", "mAP50", "recall", "worlds with one missed", "missed in a row", "empty", "false boxes",
+         "worlds with one", "box", "centre", "yaw"),
     )  # fmt: skip
     for group, f in groups.items():
         table.add_row(

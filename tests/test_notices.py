@@ -36,6 +36,7 @@ def recipe(*changes):
         ([VARIED], "splits: a world lies in one split, and few are shared unevenly: train 3 (stated 3.2), val 0"),
         ([VARIED, {"frames": 200}], None),
         ([{}], None),
+        ([{"splits": {"train": 0.0, "val": 0.0, "test": 1.0}}], "splits: no frame is for training"),
     ],
 )
 def test_a_line_says_what_a_user_may_not_expect(changes, begins):

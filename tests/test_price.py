@@ -41,7 +41,7 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
         rendered = sum(COSTS[begins(frame)] for frame in range(frames))
         assert found.seconds == pytest.approx(share * (worlds * CHECK + rendered))
         assert found.size == sum(1000 * begins(frame) + len(b"null") for frame in range(frames))
-        assert found.worlds == worlds
+        assert (found.worlds, found.measured) == (worlds, 4)
     clock.now = 0.0
     same = simgrab.load("quay-day", {"frames": 1000})
     assert price.measured(Recipe(same), 1).worlds == 1

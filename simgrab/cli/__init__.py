@@ -67,7 +67,7 @@ def _open_closed_streams() -> None:
 def _status(command: click.Command) -> int:
     """Run a command, and report an error in one line."""
     try:
-        status = command(prog_name="simgrab", standalone_mode=False)
+        status = command(prog_name="simgrab" if command is cli else None, standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
         return status or 0

@@ -61,9 +61,9 @@ def bar(what: str, *, shown: bool, unit: str = "frames") -> Iterator[Counts]:
 
 @contextmanager
 def drawing(what: str = "rendering", *, shown: bool) -> Iterator[tuple[Counts, Counts]]:
-    """Show the progress of frames, and of the check of many worlds; yields the two functions to call with each."""
+    """Show the progress of frames, and of the check of many draws; yields the two functions to call with each."""
     with board(shown=shown) as shows:
-        checking = shows.step("first: checking that worlds are possible", "worlds", whole=False)
+        checking = shows.step("first: checking that draws are possible", "draws", whole=False)
         yield shows.step(what, "frames"), checking
 
 

@@ -16,13 +16,9 @@ def resumable(*places: Path | str) -> Iterator[None]:
     advice = f"run the same command with --resume to continue in {' and '.join(map(str, places))}"
     try:
         yield
-    except KeyboardInterrupt as stop:
-        stop.add_note(advice)
-        raise
-    except ClusterError as problem:
-        if any(is_url(place) or Path(place).exists() for place in places):  # else nothing is begun
-            problem.add_note(advice)
-        raise
-    except WorkerError as problem:
-        problem.add_note(f"{advice}; if memory is short, use fewer --workers")
+    except (KeyboardInterrupt, ClusterError, WorkerError) as problem:
+        begun = any(is_url(place) or Path(place).exists() for place in places)
+        memory = ["if memory is short, use fewer --workers"] if isinstance(problem, WorkerError) else []
+        if notes := [advice] * begun + memory:
+            problem.add_note("; ".join(notes))
         raise

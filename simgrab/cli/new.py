@@ -93,6 +93,9 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
         draft.write_text(text, encoding="utf-8")
         scene = scenes.load(draft)
         _check_ropes(scene)
+        if jaws := _jaws(scene):
+            draft.write_text(text.replace("\nclamp = true", f"\n{jaws}\nclamp = true"), encoding="utf-8")
+            scene = scenes.load(draft)
         size = _size_of_model(scene.grab) if 'model = "mesh"' in text else []
     for line in (
         *(f"assumed: {line}" for line in answers.assumed),
@@ -123,6 +126,22 @@ def _check_ropes(scene: Scenario) -> None:
             "ropes", f"{work.carry_rope_m:g} and {work.dig_rope_m:g} m are too long for cycles below a jib head of "
             f"{head:g} m: at most {carry:.1f} m carry this grab over the hopper, and {dig:.1f} m lower it on the pile"
         )  # fmt: skip
+
+
+def _jaws(scene: Scenario) -> str:
+    """Key of the jaws' opening for a grab that opens less far than those of the scene's base; else empty."""
+    from simgrab.model.scenario import Iid
+    from simgrab.world.scenery.grabs import design_of
+
+    if not isinstance(scene.swing, Iid):
+        return ""
+    most, stated = (
+        math.floor(x) for x in (math.degrees(design_of(scene.grab).max_jaw), scene.swing.jaw_deg.support()[1])
+    )
+    if most >= stated:
+        return ""
+    values = f'{{ dist = "choice", values = [0, {most / 2:g}, {most}], weights = [3, 1, 1] }}' if most else "0"
+    return f"jaw_deg = {values} # how far this grab opens"
 
 
 def _size_of_model(grab: Grab) -> list[str]:

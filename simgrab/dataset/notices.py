@@ -63,8 +63,12 @@ def _of_clips(recipe: Recipe) -> list[str]:
 
 
 def _of_splits(recipe: Recipe) -> list[str]:
-    """Name few worlds, each of which lies in one split, whose shares are far from those stated."""
+    """Name a lack of frames to train on, and shares that are not as stated, as each of few worlds lies in one split."""
     scenario = recipe.scenario
+    if not scenario.splits.train:
+        return [
+            "splits: no frame is for training, and data.yaml names those of another split there, as trainers need some"
+        ]
     clips = scenario.clip.count(scenario.frames)
     worlds = scenario.slowest_draw(clips - 1) + 1
     if not 1 < worlds <= FEW_WORLDS or (isinstance(scenario.swing, Iid) and not recipe.varies):

@@ -51,7 +51,7 @@ def _draw_geometry(tile: NDArray[np.uint8], row: Row, scale: float) -> None:
     if np.isfinite(vertical).all():
         cv2.line(tile, principal, at(vertical, scale), VERTICAL, 1, cv2.LINE_AA)
         cv2.circle(tile, at(vertical, scale), 4, VERTICAL, 1, cv2.LINE_AA)
-    if row.grab_u_px is not None and row.grab_v_px is not None:
+    if row.present and row.grab_u_px is not None and row.grab_v_px is not None:
         centre = at((row.grab_u_px, row.grab_v_px), scale)
         if np.isfinite(vertical).all():
             cv2.line(tile, at(vertical, scale), centre, CENTRE, 1, cv2.LINE_AA)

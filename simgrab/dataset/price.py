@@ -33,17 +33,23 @@ class Price:
     seconds : float
     size : int
         Bytes on the disk.
+    measured : int
+        Worlds of which frames were made.
     """
 
     frames: int
     worlds: int
     seconds: float
     size: int
+    measured: int
 
     def __str__(self) -> str:
         worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
-        checked = ", with the check of all worlds," if self.worlds > 1 else ""
-        return f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}"
+        checked = ", with the check of all draws," if self.worlds > 1 else ""
+        judged = f", judged by {self.measured} of them" if self.worlds > self.measured else ""
+        return (
+            f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}{judged}"
+        )
 
 
 def measured(recipe: Recipe, workers: int, *, files: bool = True, video: bool = False) -> Price:
@@ -89,7 +95,8 @@ def measured(recipe: Recipe, workers: int, *, files: bool = True, video: bool = 
         workers = min(workers, clip.count(frames))
         size += frames / clip.frame_rate_hz * clip.bit_rate_mbit_s * 1e6 / 8
     seconds = max(total(walls) / workers, total(cores) / machine.cores())
-    return Price(frames, math.ceil(frames / periods[0]) if recipe.varies else 1, seconds, round(size))
+    worlds = groups if recipe.varies else 1
+    return Price(frames, worlds, seconds, round(size), min(tried, worlds))
 
 
 def _periods(recipe: Recipe) -> list[int]:

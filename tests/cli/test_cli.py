@@ -147,19 +147,24 @@ def test_what_the_machine_refuses_ends_in_one_line(problem, status, line, monkey
 @pytest.mark.parametrize(
     ("stop", "line"),
     [
-        (KeyboardInterrupt(), "interrupted; {}"),
-        (WorkerError("frame 3: it died"), "frame 3: it died; {}; if memory is short, use fewer --workers"),
+        (KeyboardInterrupt(), "interrupted{}"),
+        (WorkerError("frame 3: it died"), "frame 3: it died{}; if memory is short, use fewer --workers"),
     ],
 )
-def test_what_can_be_taken_up_again_says_how(stop, line, monkeypatch, capsys):
+@pytest.mark.parametrize("begun", [True, False])
+def test_what_can_be_taken_up_again_says_how(stop, line, begun, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
     def render(*_, **__):
-        raise stop
+        if begun:
+            Path("out").mkdir()
+        raise type(stop)(*stop.args)
 
     monkeypatch.setattr("simgrab.dataset.render.render", render)
     monkeypatch.setattr(sys, "argv", ["simgrab", "render", "--frames", "1", "--out", "out"])
     with pytest.raises(SystemExit):
         main()
-    advice = "run the same command with --resume to continue in out"
+    advice = "; run the same command with --resume to continue in out" if begun else ""
     assert capsys.readouterr().err.strip().splitlines()[-1] == f"simgrab: {line.format(advice)}"
 
 

@@ -40,10 +40,10 @@ class Alpha(Strict, frozen=True):
 class Iid(Tagged, frozen=True, tag="iid"):
     """Independent frames: each draws its own swing, rope length, yaw, jaws and load.
 
-    A share ``absent`` of the frames shows neither grab nor ropes. A grab that is open, or of a kind that holds no bulk,
-    has no load whatever was drawn, and a grab without jaws does not open. Impossible draws of the keys that ``clamp``
-    names, or of both with ``true``, are replaced by the nearest possible: jaws open as far as they go, and a rope that
-    would lower the grab into what stands below is shortened. The column ``clamped`` names them.
+    With the probability ``absent`` a frame shows neither grab nor ropes. A grab that is open, or of a kind that holds
+    no bulk, has no load whatever was drawn, and a grab without jaws does not open. Impossible draws of the keys that
+    ``clamp`` names, or of both with ``true``, are replaced by the nearest possible: jaws open as far as they go, and a
+    rope that would lower the grab into what stands below is shortened. The column ``clamped`` names them.
     """
 
     alpha: Annotated[Alpha, about("The swing angle α.")] = Alpha()
@@ -58,7 +58,7 @@ class Iid(Tagged, frozen=True, tag="iid"):
     )
     jaw_deg: Annotated[AnyDistribution, about("Opening of the jaws: 0 is closed.")] = Constant(0.0)
     load: Annotated[AnyDistribution, about("Load as a share of a full grab.")] = Constant(0.0)
-    absent: Annotated[Share, about("Share of frames without grab and ropes.")] = 0.0
+    absent: Annotated[Share, about("Probability of a frame without grab and ropes.")] = 0.0
     clamp: Annotated[Clamp, about("Keys of which impossible draws become the nearest possible; `true`: both.")] = False
 
     @property
