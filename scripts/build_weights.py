@@ -19,7 +19,7 @@ import msgspec
 from scripts import hanging_shapes
 from scripts.background_photographs import SCENE, prepare, prepare_collages
 from simgrab.cli import main as run
-from simgrab.cli._progress import drawing
+from simgrab.cli._progress import board, drawing
 from simgrab.dataset.render import render
 from simgrab.instrument.detect import WEIGHTS
 from simgrab.io.files import drafted
@@ -27,7 +27,7 @@ from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
 from simgrab.model.scenario.factor import OneOf
 from simgrab.training import need_torch
-from simgrab.training.cli._board import board
+from simgrab.training.cli._board import follow
 
 ROOT = Path(__file__).parents[1]
 # Folders of photographs and the scene that shows them, and of shapes and their scenes.
@@ -180,9 +180,7 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int, device: str
     def chosen(frames: int, *, started: bool) -> Recipes:
         shown = None if quick else SHOWN_AFTER if started else SHOWN
         usual = recipes(frames, quick=quick, started=started, shown=shown, threads=threads, device=device)
-        return Recipes(**{
-            net: replace(getattr(usual, net), batch=min(size, frames), average=STEADY) for net, size in BATCHES.items()
-        })  # fmt: skip
+        return {net: replace(usual[net], batch=min(size, frames), average=STEADY) for net, size in BATCHES.items()}
 
     prepare_collages(prepare(work / BACKGROUNDS).parent, work / COLLAGES)
     for folder, crops in NEGATIVES.items():
@@ -200,7 +198,7 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int, device: str
         with board(shown=True) as progress:
             train(
                 some, into, functools.partial(chosen, started=start is not None), start=start, resume=True,
-                watch=progress.step, report=progress.training, loaders=loaders,
+                watch=progress.step, report=functools.partial(follow, progress), loaders=loaders,
             )  # fmt: skip
     return [out / f"{name}.onnx" for name in NETS]
 
@@ -213,7 +211,7 @@ def reader(work: Path, *, quick: bool, workers: int) -> list[Path]:
     out = work / "reader"
     recipe = replace(RECIPE, epochs=QUICK_EPOCHS) if quick else RECIPE
     with board(shown=True) as shown:
-        train_reader(datasets, out, recipe, resume=True, report=shown.training("reader"))
+        train_reader(datasets, out, recipe, resume=True, report=follow(shown, "reader"))
     return [out / "reader.onnx"]
 
 

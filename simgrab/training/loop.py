@@ -31,7 +31,7 @@ from simgrab.model.rng import stream
 from simgrab.training import checkpoint
 from simgrab.training.copies import Batch, Copies
 from simgrab.training.device import named, out_of_memory, to_device
-from simgrab.training.recipe import MOMENTUM, TrainingRecipe
+from simgrab.training.recipe import TrainingRecipe
 
 CHECKPOINT = "checkpoint.pt"
 SCORE = "score"
@@ -163,7 +163,7 @@ class _Run:
         self.average = AveragedModel(self.net, use_buffers=True).eval().requires_grad_(False)
         self.average.n_averaged += 1  # of the net as it was built; else the first step's weights would be copied
         self.copies = Copies(self.net, recipe.threads if self.device.type == "cpu" else 1)
-        self.optimiser = _optimiser(self.net, recipe)
+        self.optimiser = torch.optim.AdamW(groups(self.net, recipe.weight_decay), lr=recipe.rate)
         self.steps = max(task.examples // recipe.batch, 1)  # an epoch; what is left over waits for another order
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] = {}
@@ -311,15 +311,7 @@ def _one_opencv_thread() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-def _optimiser(net: nn.Module, recipe: TrainingRecipe) -> torch.optim.Optimizer:
-    groups = _groups(net, recipe.weight_decay)
-    if recipe.optimiser == "sgd":
-        return torch.optim.SGD(groups, lr=recipe.rate, momentum=MOMENTUM, nesterov=True)
-    kind = torch.optim.AdamW if recipe.optimiser == "adamw" else torch.optim.Adam
-    return kind(groups, lr=recipe.rate)
-
-
-def _groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:
+def groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:
     """Spare biases and norms the weight decay, and let a part that states a share of the rate learn at that."""
     shares = {
         weight: cast("float", module.share)

@@ -8,11 +8,6 @@ from dataclasses import dataclass
 from simgrab.errors import TrainingError
 from simgrab.io.parse import shown
 
-# Adam's decay is part of the gradient, AdamW's is not; SGD has Nesterov's momentum.
-OPTIMISERS = ("adamw", "adam", "sgd")
-MOMENTUM = 0.937  # YOLOv5's
-
-
 RANGES = {
     "epochs": (1, 1_000_000), "batch": (1, 65_536), "threads": (1, 256), "patience": (0, 1_000_000), "seed": (0, 2**53),
 }  # fmt: skip
@@ -36,10 +31,8 @@ class TrainingRecipe:
         Share of the steps in which the rate rises.
     final : float
         The last rate, as a share of the largest one.
-    optimiser : str
-        A name in `OPTIMISERS`.
     weight_decay : float
-        For weights of two dimensions and more.
+        AdamW's, for weights of two dimensions and more.
     clip : float
         Largest norm of the gradient.
     average : float
@@ -61,7 +54,6 @@ class TrainingRecipe:
     rate: float = 2e-3
     warm_up: float = 0.1
     final: float = 1e-3
-    optimiser: str = "adamw"
     weight_decay: float = 0.02
     clip: float = 5.0
     average: float = 0.998
@@ -79,8 +71,6 @@ class TrainingRecipe:
                 raise TrainingError(f"{name}: must be {least} or more, got {value}")
             if value > most:
                 raise TrainingError(f"{name}: must be {most} or less, got {value}")
-        if self.optimiser not in OPTIMISERS:
-            raise TrainingError(f"optimiser: unknown {self.optimiser!r}; one of: {', '.join(OPTIMISERS)}")
 
     def rate_at(self, done: float) -> float:
         """Learning rate when a share ``done`` of the steps is done: up on half a cosine, down on another."""

@@ -18,7 +18,7 @@ from simgrab.errors import DatasetError, DetectorError, TrainingError  # noqa: E
 from simgrab.instrument.detect import detector  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
-from simgrab.training.detector.train import NETS, Result, train  # noqa: E402
+from simgrab.training.detector.train import NETS, train  # noqa: E402
 from simgrab.training.detector.trunk import TRUNK  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402
 from simgrab.training.loop import TrainingReport  # noqa: E402
@@ -45,22 +45,23 @@ def tiny(frames):
 @pytest.fixture(scope="module")
 def trained(halves, tmp_path_factory):
     out = tmp_path_factory.mktemp("trained") / "out"
-    return train([halves], out, tiny)
+    train([halves], out, tiny)
+    return out
 
 
 def test_training_ends_in_a_detector_with_cards(trained, halves):
-    looks, known = detector(trained.folder), datasets.read(halves)
-    assert {"settings", "calibration"} <= set(open_net(trained.folder / "pose.onnx").facts)
+    looks, known = detector(trained), datasets.read(halves)
+    assert {"settings", "calibration"} <= set(open_net(trained / "pose.onnx").facts)
     for row in known.rows[:2]:
         found = looks(cv2.imread(str(known.image(row)), cv2.IMREAD_COLOR_RGB))
         assert found.found == (found.score >= looks.settings.least_presence)
     for name in NETS:
-        card = json.loads((trained.folder / f"{name}.json").read_text())
+        card = json.loads((trained / f"{name}.json").read_text())
         assert card["recipe"]["epochs"] == 2
         assert card["data"][0]["labels_sha256"] == known.data.labels_sha256
-        assert card["started_from"] == TRUNK in (trained.folder / f"{name}.md").read_text()
+        assert card["started_from"] == TRUNK in (trained / f"{name}.md").read_text()
         assert card["metrics"]["by_weather"]["quay-day"]["frames"] == 2
-    assert trained.metrics["empty_frames"] == 1
+        assert card["metrics"]["empty_frames"] == 1
 
 
 class KilledError(Exception):
@@ -82,7 +83,7 @@ def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path, 
     assert not (tmp_path / "out" / f"{stage}.onnx").exists()
     train([halves], tmp_path / "out", tiny, resume=True)
     for name in NETS:
-        assert (tmp_path / "out" / f"{name}.onnx").read_bytes() == (trained.folder / f"{name}.onnx").read_bytes()
+        assert (tmp_path / "out" / f"{name}.onnx").read_bytes() == (trained / f"{name}.onnx").read_bytes()
 
 
 @pytest.mark.slow
@@ -96,10 +97,10 @@ def test_what_is_killed_before_its_settings_are_chosen_is_no_detector(trained, h
         train([halves], tmp_path / "out", tiny, watch=watch)
     with pytest.raises(DetectorError, match=r"pose\.onnx: No such file"):
         detector(tmp_path / "out")
-    shutil.copytree(trained.folder, tmp_path / "done")
+    shutil.copytree(trained, tmp_path / "done")
     with pytest.raises(KilledError):
         train([halves], tmp_path / "done", tiny, resume=True, watch=watch)
-    assert (tmp_path / "done" / "pose.onnx").read_bytes() == (trained.folder / "pose.onnx").read_bytes()
+    assert (tmp_path / "done" / "pose.onnx").read_bytes() == (trained / "pose.onnx").read_bytes()
 
 
 def run(*arguments):
@@ -143,13 +144,13 @@ def test_two_trainings_do_not_share_a_folder(more, halves, tmp_path):
 
 def test_a_training_is_known_without_its_lock(trained, tmp_path):
     """Copied by a tool that leaves hidden files out."""
-    shutil.copytree(trained.folder, tmp_path / "moved", ignore=shutil.ignore_patterns(".*"))
+    shutil.copytree(trained, tmp_path / "moved", ignore=shutil.ignore_patterns(".*"))
     with claim(tmp_path / "moved", resume=True):
         pass
 
 
 def test_it_is_said_where_no_grab_is_found(halves, tmp_path, monkeypatch):
-    monkeypatch.setattr("simgrab.training.detector.train.train", lambda *_, **__: Result(tmp_path, {"recall": 0.0}))
+    monkeypatch.setattr("simgrab.training.detector.train.train", lambda *_, **__: {"recall": 0.0})
     monkeypatch.setattr("simgrab.training.folder.check", lambda *_, **__: None)
     (tmp_path / "pose.md").touch()
     assert "no grab of the validation frames is detected" in run(halves, "--out", tmp_path)[1]
@@ -158,7 +159,7 @@ def test_it_is_said_where_no_grab_is_found(halves, tmp_path, monkeypatch):
 
 @pytest.fixture
 def nets(trained):
-    return [trained.folder / f"{name}.onnx" for name in NETS]
+    return [trained / f"{name}.onnx" for name in NETS]
 
 
 def test_weights_are_installed_or_cannot_be_used(nets, tmp_path, monkeypatch):
@@ -191,13 +192,13 @@ def _part(source, target, frames):
 
 def test_the_trained_detector_runs_and_is_scored(trained, halves, tmp_path):
     result = CliRunner().invoke(
-        cli, ["detect", str(halves), "--detector", str(trained.folder), "--out", str(tmp_path / "found.csv")]
+        cli, ["detect", str(halves), "--detector", str(trained), "--out", str(tmp_path / "found.csv")]
     )
     assert result.exit_code == 0, result.output
     assert "of 6 images" in result.output
     assert "labels: " in result.output
     assert len((tmp_path / "found.csv").read_text().splitlines()) == 7
-    scores = score_detector.measure((halves,), str(trained.folder), "val")
+    scores = score_detector.measure((halves,), str(trained), "val")
     score_detector.show(scores)
     assert scores["overall"]["frames"] == 2
     assert scores["time"]["median_ms"] > 0

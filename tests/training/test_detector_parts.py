@@ -22,7 +22,6 @@ from simgrab.training import loop  # noqa: E402
 from simgrab.training.detector import cache, coarse, evaluate, nets, pose, settings  # noqa: E402
 from simgrab.training.detector.augment import Dirt, Orientation, _hues  # noqa: E402
 from simgrab.training.detector.trunk import CHANNELS, PACKAGE, Trunk  # noqa: E402
-from simgrab.training.recipe import TrainingRecipe  # noqa: E402
 
 FIRST = tuple(f"blocks.{i}." for i in range(5))
 
@@ -304,7 +303,7 @@ def test_the_trunk_is_the_pretrained_network():
 def test_statistics_of_norms_first_blocks_and_depthwise_kernels_stay_while_the_rest_learns():
     net = nets.Coarse()
     before = {name: value.clone() for name, value in net.trunk.state_dict().items()}
-    optimiser = loop._optimiser(net, TrainingRecipe())
+    optimiser = torch.optim.AdamW(loop.groups(net, 0.02), lr=1e-3)
     net.train()
     heat, reach = net(torch.randint(0, 256, (2, 64, 96, 3), dtype=torch.uint8))
     (heat.square().mean() + reach.mean()).backward()
@@ -467,9 +466,9 @@ def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):
 def test_the_recipe_shows_as_many_frames_however_many_there_are():
     few, many = (settings.recipes(frames, half=False) for frames in (500, 5000))
     for name in settings.SHOWN:
-        assert getattr(few, name).epochs * 500 == pytest.approx(getattr(many, name).epochs * 5000, rel=0.1)
+        assert few[name].epochs * 500 == pytest.approx(many[name].epochs * 5000, rel=0.1)
     for started in (False, True):
         quick, usual = (settings.recipes(750, quick=one, started=started, half=False) for one in (True, False))
         for name in settings.SHOWN:
-            assert getattr(quick, name).epochs * 2 < getattr(usual, name).epochs
-    assert settings.recipes(8, epochs=3, half=False).pose.epochs == 3
+            assert quick[name].epochs * 2 < usual[name].epochs
+    assert settings.recipes(8, epochs=3, half=False)["pose"].epochs == 3

@@ -74,7 +74,7 @@ class Sum(torch.nn.Module):
 
 
 def test_a_part_learns_at_its_share_of_the_rate(tmp_path):
-    recipe = dataclasses.replace(RECIPE, optimiser="sgd", weight_decay=0.0)
+    recipe = dataclasses.replace(RECIPE, weight_decay=0.0)
     net = loop.train(Sum, Line(), recipe, tmp_path).net
     assert float(net.fast.weight.abs()) > 0.1
     for fast, slow in zip(net.fast.parameters(), net.slow.parameters(), strict=True):
@@ -211,7 +211,7 @@ def test_nothing_in_a_checkpoint_is_executed(tmp_path):
 
 def test_damaged_checkpoints_are_refused_in_one_line(tmp_path):
     path = tmp_path / "checkpoint.pt"
-    one = dataclasses.replace(RECIPE, epochs=1, optimiser="adam")
+    one = dataclasses.replace(RECIPE, epochs=1)
     loop.train(build, Line(), one, tmp_path)
     sound = path.read_bytes()
     state = torch.load(path, weights_only=True)

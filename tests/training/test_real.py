@@ -25,7 +25,7 @@ from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.records.observations import Detection  # noqa: E402
 from simgrab.model.rng import stream  # noqa: E402
 from simgrab.training.detector import curve, nets, pose, real, settings  # noqa: E402
-from simgrab.training.detector.train import NETS, Result, train  # noqa: E402
+from simgrab.training.detector.train import NETS, train  # noqa: E402
 
 # Frames of the real dataset by video, and the split that it names for each; "empty" shows no grab.
 VIDEOS = {"a": ("train", 2), "b": ("train", 2), "empty": ("train", 1), "c": ("val", 1), "d": ("test", 1)}
@@ -189,7 +189,7 @@ def test_a_learning_curve_is_resumed_point_by_point(halves, known, tmp_path, mon
             raise KilledError
         (folder / "cache").mkdir(parents=True)
         held = score([frame.row for frame in real.held_out], [Detection("none", "", 0.0) for _ in real.held_out])
-        return Result(folder, {"recall": 0.5, "mean_iou": 0.4, "centre_median_px": None, "real": held})
+        return {"recall": 0.5, "mean_iou": 0.4, "centre_median_px": None, "real": held}
 
     monkeypatch.setattr(curve, "train", fake)
     kill = 4
@@ -225,10 +225,10 @@ def test_a_learning_curve_begins_each_point_with_the_same_weights(halves, videos
     assert "…" not in result.stdout
     points = json.loads((out / curve.JSON).read_text())
     assert [point["figures"]["real"]["frames"] for point in points] == [1, 1]
-    plain = train([halves], tmp_path / "plain", tiny)
+    train([halves], plain := tmp_path / "plain", tiny)
     for name in NETS:
-        assert (out / "real-0" / f"{name}.onnx").read_bytes() == (plain.folder / f"{name}.onnx").read_bytes()
-    assert (out / "real-3" / "coarse.onnx").read_bytes() != (plain.folder / "coarse.onnx").read_bytes()
+        assert (out / "real-0" / f"{name}.onnx").read_bytes() == (plain / f"{name}.onnx").read_bytes()
+    assert (out / "real-3" / "coarse.onnx").read_bytes() != (plain / "coarse.onnx").read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -21,14 +21,15 @@ from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect import WEIGHTS, GrabDetector  # noqa: E402
 from simgrab.instrument.detect.patches import COARSE_HEIGHT, COARSE_WIDTH, POSE_CHANNELS, POSE_SIZE  # noqa: E402
-from simgrab.instrument.net import open_net  # noqa: E402
+from simgrab.instrument.net import KEY, open_net  # noqa: E402
 from simgrab.model.scenario import Mesh, variants  # noqa: E402
-from simgrab.training.detector import evaluate, export, settings  # noqa: E402
-from simgrab.training.detector.nets import Coarse, Pose  # noqa: E402
+from simgrab.training.detector import evaluate, settings  # noqa: E402
+from simgrab.training.detector.nets import Coarse, Pose, pretrained  # noqa: E402
 from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402
 from simgrab.training.detector.start import begun  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 from simgrab.training.detector.trunk import TRUNK  # noqa: E402
+from simgrab.training.export import export  # noqa: E402
 
 bundled = pytest.mark.skipif(not (WEIGHTS / "coarse.onnx").exists(), reason="no detector's weights are bundled")
 SHAPES = {"coarse": (COARSE_HEIGHT, COARSE_WIDTH, 3), "pose": (POSE_SIZE, POSE_SIZE, POSE_CHANNELS)}
@@ -48,13 +49,13 @@ def files(tmp_path_factory):
     """Nets with pretrained trunks, other weights of which are random, as files."""
     folder = tmp_path_factory.mktemp("start")
     torch.manual_seed(0)
-    coarse, pose = Coarse.pretrained(), Pose.pretrained()
+    coarse, pose = pretrained(Coarse), pretrained(Pose)
     norms = [norm for norm in torch.nn.ModuleList((coarse, pose)).modules() if isinstance(norm, torch.nn.BatchNorm2d)]
     for weight in (coarse.head[-1].weight, pose.rest.weight, pose.place.weight, *(norm.bias for norm in norms)):
         torch.nn.init.normal_(weight, std=0.1)
     for name, net, outputs in (("coarse", coarse, ["heat", "reach"]), ("pose", pose, ["pose"])):
         example = torch.zeros((1, *SHAPES[name]), dtype=torch.uint8)
-        export.export(net.eval(), example, outputs, folder / f"{name}.onnx", {})
+        export(net.eval(), example, "pictures", outputs, folder / f"{name}.onnx", {}, key=KEY, halves=True)
     return folder
 
 
@@ -103,8 +104,8 @@ def tiny(frames):
 def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluate, "least_presence", lambda _seen: 0.2)
     found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS)
-    assert found.metrics["recall"] > 0.5  # which random weights would not reach in a step
-    assert found.metrics["before"]["frames"] == found.metrics["frames"]
+    assert found["recall"] > 0.5  # which random weights would not reach in a step
+    assert found["before"]["frames"] == found["frames"]
     thresholds = [GrabDetector(folder).settings.least_presence for folder in (WEIGHTS, tmp_path / "out")]
     assert thresholds[1] == thresholds[0] > 0.2  # few frames show no grab
     for name in NETS:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from simgrab.cli._options import FOLDER, PATH, together
-from simgrab.cli._progress import drawing
+from simgrab.cli._progress import board, drawing
 from simgrab.cli._resume import resumable
 from simgrab.text import printable
-from simgrab.training.cli._board import board
+from simgrab.training.cli._board import follow
 
 if TYPE_CHECKING:
     from simgrab.model.scenario import Scenario
@@ -167,18 +167,18 @@ def detector(
             assert known is not None
             points = curve.learning_curve(
                 datasets, out, chosen, known, counts, seed=seed, start=begin, resume=resume,
-                watch=shown.step, report=shown.training,
+                watch=shown.step, report=functools.partial(follow, shown),
             )  # fmt: skip
         else:
-            result = train(
+            metrics = train(
                 datasets, out, chosen, real=known, start=begin, resume=resume, watch=shown.step,
-                report=shown.training,
+                report=functools.partial(follow, shown),
             )  # fmt: skip
     if counts:
         _print_curve(points, out, as_json=as_json, quiet=quiet)
         return
-    _print_metrics(result.metrics, out / "pose.md", as_json=as_json, quiet=quiet)
-    if not quiet and not result.metrics["recall"]:
+    _print_metrics(metrics, out / "pose.md", as_json=as_json, quiet=quiet)
+    if not quiet and not metrics["recall"]:
         click.echo("no grab of the validation frames is detected: train on more frames, or for longer", err=True)
 
 
@@ -251,5 +251,5 @@ def reader(
         batch=batch, patience=patience, device=device, threads=threads,
     )  # fmt: skip
     with resumable(out), board(shown=not (quiet or as_json)) as shown:
-        card = train_reader(datasets, out, recipe, resume=resume, report=shown.training("reader"))
+        card = train_reader(datasets, out, recipe, resume=resume, report=follow(shown, "reader"))
     _print_metrics(card.metrics, out / "reader.md", as_json=as_json, quiet=quiet)

@@ -55,8 +55,8 @@ def turn(rng: np.random.Generator, *, quarters: bool) -> Orientation:
 class Dirt:
     """Draws how a picture is spoiled, by light and by what a camera does with it. Geometry stays."""
 
-    def __init__(self, seed: int = 0) -> None:
-        self._noise = np.random.default_rng(seed).normal(0, 1, _NOISE).astype(np.float32)
+    def __init__(self) -> None:
+        self._noise = np.random.default_rng(0).normal(0, 1, _NOISE).astype(np.float32)
 
     def __call__(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Spoil a picture (h, w, 3).

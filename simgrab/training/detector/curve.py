@@ -74,13 +74,14 @@ def learning_curve(
     with claim(out, resume=resume, traces=CURVE):
         for count, part in parts.items():
             folder, step, follow = out / f"real-{count}", _named(watch, count), _named(report, count)
-            recipe = dataclasses.asdict(recipes(rendered + len(part.repeated(rendered))))
+            chosen = recipes(rendered + len(part.repeated(rendered)))
+            recipe = {name: dataclasses.asdict(one) for name, one in chosen.items()}
             identity = hashlib.sha256(msgspec.json.encode([common, digest(part.train), recipe])).hexdigest()
             figures = _known(folder / _POINT, identity) if resume else None
             if figures is None:
                 figures = train(
                     paths, folder, recipes, real=part, start=start, resume=resume, watch=step, report=follow
-                ).metrics
+                )
                 write(folder / _POINT, json.dumps({"identity": identity, "figures": figures}).encode())
                 shutil.rmtree(folder / "cache", ignore_errors=True)
             points.append({"real_frames": count, "videos": len(by_video(part.train)), "figures": figures})

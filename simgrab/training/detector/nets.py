@@ -21,10 +21,8 @@ _WIDTH = 64  # channels of the features that the heads get
 _SUMMARY = 192
 
 
-def _conv(ins: int, outs: int, kernel: int = 3) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(ins, outs, kernel, padding=kernel // 2, bias=False), nn.BatchNorm2d(outs), nn.ReLU(inplace=True)
-    )
+def _conv(ins: int, outs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Conv2d(ins, outs, 3, padding=1, bias=False), nn.BatchNorm2d(outs), nn.ReLU(inplace=True))
 
 
 class _Pyramid(nn.Module):
@@ -66,13 +64,6 @@ class Coarse(nn.Module):
         with torch.no_grad():
             last.bias[0] = -4.0  # few cells are a centre (Lin et al. 2017)
 
-    @classmethod
-    def pretrained(cls) -> Coarse:
-        """Build the net with a trunk that was trained on ImageNet."""
-        net = cls()
-        net.trunk.load()
-        return net
-
     def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """See the class."""
         out = self.head(self.pyramid(self.trunk(_normalised(pictures)))).float()
@@ -103,13 +94,6 @@ class Pose(nn.Module):
         self.presence = nn.Sequential(nn.Dropout(0.2), nn.Linear(_SUMMARY, 1))
         nn.init.normal_(self.rest.weight, std=0.01)
 
-    @classmethod
-    def pretrained(cls) -> Pose:
-        """Build the net with a trunk that was trained on ImageNet."""
-        net = cls()
-        net.trunk.load()
-        return net
-
     def forward(self, crops: Tensor) -> Tensor:
         """See the class."""
         return self.outputs_and_weights(crops)[0]
@@ -133,6 +117,13 @@ class Pose(nn.Module):
         logit = self.presence(summary).float()
         out = [places, scales, rest[:, 6:8], rest[:, 8:9].clamp(-6.0, 4.0) - 2.0, logit]
         return torch.cat(out, 1), _alternate(across, down)
+
+
+def pretrained(kind: type[Coarse | Pose]) -> Coarse | Pose:
+    """Build a net with a trunk that was trained on ImageNet."""
+    net = kind()
+    net.trunk.load()
+    return net
 
 
 def _alternate(x: Tensor, y: Tensor) -> Tensor:

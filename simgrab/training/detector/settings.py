@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from simgrab.training.recipe import TrainingRecipe
 
-
-@dataclass(frozen=True)
-class Recipes:
-    """How the two nets are trained.
-
-    Attributes
-    ----------
-    coarse, pose : TrainingRecipe
-    """
-
-    coarse: TrainingRecipe
-    pose: TrainingRecipe
-
+Recipes = dict[str, TrainingRecipe]
+"""By the nets' names."""
 
 # Frames shown in all, however many there are to learn from.
 SHOWN = {"coarse": 40_000, "pose": 120_000}
@@ -65,7 +54,7 @@ def recipes(
         rate *= RATE_AFTER if started else 1.0
         return replace(common, epochs=wanted, rate=rate, batch=min(usual if batch is None else batch, max(frames, 1)))
 
-    return Recipes(one("coarse", 1e-3, 16), one("pose", 1e-3, 32))
+    return {"coarse": one("coarse", 1e-3, 16), "pose": one("pose", 1e-3, 32)}
 
 
 def has_half_units(device: str) -> bool:

@@ -26,7 +26,7 @@ _TOLERANCE = 2e-3  # of what goes out, relative to its largest number; weights l
 
 
 def begun(build: Callable[[], nn.Module], path: Path, examples: Tensor) -> nn.Module:
-    """Build a net with the weights of a file that `simgrab.training.detector.export` wrote.
+    """Build a net with the weights of a file that `simgrab.training.export` wrote.
 
     In the file, norms are folded into convolutions. They are unfolded by the mean and variance that their inputs have
     on the examples: the net then gives what the file gives, and learns as if it had been trained on these examples.

@@ -20,19 +20,20 @@ from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
 from simgrab.instrument.detect.grab import COARSE, POSE, GrabDetector, Settings, peaks
 from simgrab.instrument.detect.patches import COARSE_HEIGHT, COARSE_WIDTH, POSE_CHANNELS, POSE_SIZE, whole
-from simgrab.instrument.net import MOST_BYTES
+from simgrab.instrument.net import KEY, MOST_BYTES
 from simgrab.io.files import scratch, sha256
 from simgrab.io.parse import read_bytes
 from simgrab.model.geometry import Array
 from simgrab.training import loop
 from simgrab.training.card import Card
-from simgrab.training.detector import cache, coarse, evaluate, export, pose
-from simgrab.training.detector.nets import Coarse, Pose
+from simgrab.training.detector import cache, coarse, evaluate, pose
+from simgrab.training.detector.nets import Coarse, Pose, pretrained
 from simgrab.training.detector.real import Real
 from simgrab.training.detector.settings import Recipes
 from simgrab.training.detector.start import begun, some_examples
 from simgrab.training.detector.trunk import TRUNK
 from simgrab.training.device import named
+from simgrab.training.export import export
 from simgrab.training.folder import check, claim
 
 _SUSPECT = 0.02  # heat from which on a place that is no grab makes a hard example
@@ -48,14 +49,6 @@ TASKS = {
 }
 
 
-@dataclass(frozen=True)
-class Result:
-    """A trained detector: its folder, and its figures on validation frames."""
-
-    folder: Path
-    metrics: dict[str, Any]
-
-
 def train(
     paths: Sequence[str | Path],
     out: str | Path,
@@ -67,10 +60,11 @@ def train(
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None,
     loaders: int = 0,
-) -> Result:
+) -> dict[str, Any]:
     """Train the coarse net, and the pose net on what the coarse net takes for the grab; measure both together.
 
-    Figures of rendered validation frames and of real frames stand apart: the latter are ``real`` and ``real_…``.
+    Returns the detector's figures. Those of rendered validation frames and of real frames stand apart: the latter are
+    ``real`` and ``real_…``.
 
     Parameters
     ----------
@@ -104,19 +98,21 @@ def train(
     if real:
         frames = FrameSplits([*frames.train, *real.repeated(rendered)], frames.val, real.val)
     chosen = recipes(len(frames.train))
-    named(chosen.coarse.device)  # or refused before anything is written
+    named(chosen["coarse"].device)  # or refused before anything is written
     with claim(out, resume=resume):
-        fitted = fit(frames, out, chosen, start=start, resume=resume, watch=watch, report=report, loaders=loaders)
+        nets, metrics = fit(
+            frames, out, chosen, start=start, resume=resume, watch=watch, report=report, loaders=loaders
+        )
         if real:
-            fitted = Fitted(fitted.nets, fitted.metrics | real.figures(out, start, watch))
-        for name, trained in fitted.nets.items():
+            metrics |= real.figures(out, start, watch)
+        for name, trained in nets.items():
             Card(
                 name=name, task=TASKS[name], data=tuple(one.data for one in sets), examples=trained.examples,
-                recipe=dataclasses.asdict(getattr(chosen, name)), epochs=trained.epochs, seconds=trained.seconds,
-                metrics={"alone": trained.figures, "best_epoch": trained.epoch} | fitted.metrics,
+                recipe=dataclasses.asdict(chosen[name]), epochs=trained.epochs, seconds=trained.seconds,
+                metrics={"alone": trained.figures, "best_epoch": trained.epoch} | metrics,
                 started_from=began.get(name, TRUNK), real=real.learned(rendered) if real else {},
             ).save(out / f"{name}.onnx")  # fmt: skip
-    return Result(out, fitted.metrics)
+    return metrics
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,21 +135,16 @@ class FrameSplits:
         return hashlib.sha256(msgspec.json.encode(rows)).hexdigest()
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """The nets by name, and their figures together on validation frames."""
-
-    nets: dict[str, loop.Trained]
-    metrics: dict[str, Any]
-    """With ``before``, those of the detector that it started with, where there is one."""
-
-
 def fit(
     frames: FrameSplits, out: Path, recipes: Recipes, *, start: str | Path | None = None, resume: bool = False,
     watch: Watch | None = None, report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None,
     loaders: int = 0,
-) -> Fitted:  # fmt: skip
-    """Train on frames, judge by others, and write the nets into a folder; see `train`."""
+) -> tuple[dict[str, loop.Trained], dict[str, Any]]:  # fmt: skip
+    """Train on frames, judge by others, and write the nets into a folder; see `train`.
+
+    Returns the nets by name, and their figures together on validation frames: with ``before``, those of the detector
+    that they began with, where there is one.
+    """
     digest = frames.digest + "".join(start_digests(start).values())
     for name, some in (("training", frames.train), ("validation", frames.val)):
         if not any(frame.labelled for frame in some):
@@ -168,33 +159,35 @@ def fit(
     ]
     trained: dict[str, loop.Trained] = {}
 
-    def learn(name: str, build: Callable[[], torch.nn.Module], task: loop.Task, taken: str) -> torch.nn.Module:
+    def learn(name: str, kind: type[Coarse | Pose], task: loop.Task, taken: str) -> torch.nn.Module:
         """Train a net."""
+        build = functools.partial(pretrained, kind)
         if start is not None:
-            build = functools.partial(_begun, build, Path(start) / f"{name}.onnx", task, taken)
+            build = functools.partial(begun, build, Path(start) / f"{name}.onnx", some_examples(task)[taken])
         (out / name).mkdir(exist_ok=True)
         trained[name] = loop.train(
-            build, task, getattr(recipes, name), out / name, data=digest, resume=resume, report=follow(name),
+            build, task, recipes[name], out / name, data=digest, resume=resume, report=follow(name),
             loaders=loaders,
         )  # fmt: skip
         return trained[name].net
 
-    found = learn("coarse", Coarse.pretrained, coarse.CoarseTask(*small), "pictures")
+    found = learn("coarse", Coarse, coarse.CoarseTask(*small), "pictures")
     example = torch.zeros((1, COARSE_HEIGHT, COARSE_WIDTH, 3), dtype=torch.uint8)
-    export.export(found, example, ["heat", "reach"], out / "coarse.onnx", {"task": COARSE})
+    write = functools.partial(export, key=KEY, halves=True)
+    write(found, example, "pictures", ["heat", "reach"], out / "coarse.onnx", {"task": COARSE})
 
     key = sha256(out / "coarse.onnx")[:16]
     crops = [
         pose.crops(
-            folder / f"crops-{name}-{key}", some, suspects(found, pictures, some), seed=recipes.pose.seed,
+            folder / f"crops-{name}-{key}", some, suspects(found, pictures, some), seed=recipes["pose"].seed,
             progress=step(f"cutting {name} crops"),
         )
         for name, some, pictures in (("train", frames.train, small[0]), ("val", frames.val, small[1]))
     ]  # fmt: skip
     digest += key
-    last = learn("pose", Pose.pretrained, pose.PoseTask(*crops), "crops")
+    last = learn("pose", Pose, pose.PoseTask(*crops), "crops")
     example = torch.zeros((1, POSE_SIZE, POSE_SIZE, POSE_CHANNELS), dtype=torch.uint8)
-    write = functools.partial(export.export, last, example, ["pose"])
+    write = functools.partial(write, last, example, "pictures", ["pose"])
 
     facts: dict[str, Any] = {"task": POSE}
     with scratch(out / "pose.onnx") as draft:  # a folder with pose.onnx in it is a detector, settings and all
@@ -209,7 +202,7 @@ def fit(
     if first:
         before = evaluate.watch(first, frames.val, step("detecting with the first weights"))
         figures["before"] = {key: value for key, value in evaluate.metrics(before).items() if key != "by_weather"}
-    return Fitted(trained, figures)
+    return trained, figures
 
 
 def start_digests(start: str | Path | None) -> dict[str, str]:
@@ -220,10 +213,6 @@ def start_digests(start: str | Path | None) -> dict[str, str]:
         name: hashlib.sha256(read_bytes(Path(start) / f"{name}.onnx", TrainingError, most_bytes=MOST_BYTES)).hexdigest()
         for name in NETS
     }
-
-
-def _begun(build: Callable[[], torch.nn.Module], path: Path, task: loop.Task, taken: str) -> torch.nn.Module:
-    return begun(build, path, some_examples(task)[taken])
 
 
 def suspects(

@@ -76,7 +76,12 @@ class Digits:
     def validate(self, net: nn.Module) -> dict[str, float]:
         """Shares of altered cells with and without a digit read right, and the score: less the mean cross entropy."""
         device = next(net.parameters()).device
-        logits = torch.cat([net(torch.from_numpy(part).to(device)).cpu() for part in _parts(self.crops)])
+        logits = torch.cat(
+            [
+                net(torch.from_numpy(part).to(device)).cpu()
+                for part in np.split(self.crops, range(4096, len(self.crops), 4096))
+            ]
+        )
         digits = torch.from_numpy(self.digits)
         right = (logits.argmax(1) == digits).numpy()
         shown = self.digits != NO_DIGIT
@@ -128,7 +133,3 @@ def _balanced(digits: NDArray[np.int64]) -> NDArray[np.int64]:
 def _spans(frames: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First and last-plus-one index of the cells of each cell's picture."""
     return np.searchsorted(frames, frames, "left"), np.searchsorted(frames, frames, "right")
-
-
-def _parts(crops: Crops, size: int = 4096) -> list[Crops]:
-    return [crops[i : i + size] for i in range(0, len(crops), size)]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import torch
 from numpy.typing import NDArray
 from torch import nn
@@ -19,8 +17,8 @@ from simgrab.instrument.read.reader import METADATA, NO_DIGIT, Reader
 from simgrab.training import loop
 from simgrab.training.card import Card
 from simgrab.training.device import named, out_of_memory
-from simgrab.training.folder import check, claim, write
-from simgrab.training.graph import traced
+from simgrab.training.export import export
+from simgrab.training.folder import check, claim
 from simgrab.training.reader.cells import gather
 from simgrab.training.reader.lenet import LeNet5
 from simgrab.training.reader.task import Digits, threshold
@@ -73,22 +71,15 @@ def train_reader(
         probabilities = torch.cat([trained.net(torch.from_numpy(part)) for part in np.array_split(task.crops, 16)])
         least = threshold(probabilities.softmax(1).detach().numpy(), task.digits)
         path = out / f"{NAME}.onnx"
-        write(path, exported(trained.net, least))
+        whole, example = nn.Sequential(trained.net, nn.Softmax(dim=1)).eval(), torch.zeros(8, 1, INPUT_PX, INPUT_PX)
+        facts = {"threshold": least, "margin": MARGIN}
+        export(whole, example, "crops", ["probabilities"], path, facts, key=METADATA)
         card = Card(
             NAME, TASK, tuple(dataset.data for dataset in found), task.examples, vars(recipe), trained.epochs,
             trained.seconds, _metrics(Reader(path), task) | {"best_epoch": trained.epoch},
         )  # fmt: skip
         card.save(path)
         return card
-
-
-def exported(net: nn.Module, least: float) -> bytes:
-    """ONNX of a net with a softmax on top and the threshold in its metadata; any number of crops at once."""
-    whole = nn.Sequential(net, nn.Softmax(dim=1)).eval()
-    model = traced(whole, torch.zeros(8, 1, INPUT_PX, INPUT_PX), "crops", ["probabilities"])
-    onnx.helper.set_model_props(model, {METADATA: json.dumps({"threshold": least, "margin": MARGIN})})
-    onnx.checker.check_model(model)
-    return bytes(model.SerializeToString())
 
 
 def _metrics(reader: Reader, task: Digits) -> dict[str, Any]:
