@@ -20,10 +20,10 @@ from scripts import score_detector  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
-from simgrab.judge.evaluate.boxed import score  # noqa: E402
 from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.records.observations import Detection  # noqa: E402
 from simgrab.model.rng import stream  # noqa: E402
+from simgrab.judge.evaluate.boxed import score  # noqa: E402
 from simgrab.training.detector import curve, nets, pose, real, settings  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 
@@ -70,7 +70,7 @@ def videos(dataset, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def known(videos):
-    return real.read([videos], [], (), score)
+    return real.read([videos], [], ())
 
 
 def tiny(frames):
@@ -129,16 +129,16 @@ def test_real_frames_count_several_times_up_to_a_share(known):
 def test_nothing_is_both_learned_from_and_judged_by(known, videos, tmp_path):
     assert [len(some) for some in (known.train, known.val, known.held_out)] == [5, 1, 1]
     with pytest.raises(DatasetError, match="is both learned from and judged by"):
-        real.read([videos], [videos], (), score)
+        real.read([videos], [videos], ())
     alone = tmp_path / "alone"
     shutil.copytree(videos / "images/test", alone / "images")
     shutil.copytree(videos / "labels/test", alone / "labels")
     with pytest.raises(DatasetError, match="alone: it has one video alone, and none is left to judge by"):
-        real.read([alone], [], (), score)
+        real.read([alone], [], ())
     other = shutil.copytree(alone, tmp_path / "other")
     with pytest.raises(DatasetError, match="each has one video alone"):
-        real.read([alone, other], [], (), score)
-    assert len(real.read([], [alone], (), score).held_out) == 1
+        real.read([alone, other], [], ())
+    assert len(real.read([], [alone], ()).held_out) == 1
 
 
 # Training --------------------------------------------------------------------------------------------------------

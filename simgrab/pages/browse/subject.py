@@ -21,13 +21,6 @@ from simgrab.pages.browse import columns
 from simgrab.pages.browse.columns import Column
 
 
-class MeasuredBox(msgspec.Struct, frozen=True):
-    """What an instrument measured in a picture, px: box x0, y0, x1, y1 and centre u, v; None where it gave none."""
-
-    box: tuple[float, ...] | None
-    centre: tuple[float, ...] | None
-
-
 @dataclass(frozen=True)
 class Order:
     """Order in which rows are shown first: by a column, those without a value last."""
@@ -97,17 +90,8 @@ class Subject:
         plain: dict[str, Any] = self.table.slice(row, 1).to_pylist()[0]
         return plain
 
-    def measured(self, row: int) -> MeasuredBox | None:
-        """Give what an instrument measured in a row's picture; None where none did."""
-        if self.kind != "run":
-            return None
-        plain = self.values(row)
-        parts = [[plain[name] for name in names] for names in (_BOX, _CENTRE)]
-        box, centre = (None if None in part else tuple(part) for part in parts)
-        return MeasuredBox(box, centre)
 
-
-_BOX, _CENTRE = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), ("u_px", "v_px")
+_MEASURED = {"box": ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), "centre": ("u_px", "v_px")}
 
 
 def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | None = None) -> dict[str, Any]:
@@ -125,8 +109,10 @@ def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | Non
     drawn: dict[str, Any] = {"row": row, "frame": int(subject.frames[row]), "width": width, "height": height}
     if known is not None:
         drawn["truth"] = marks(known, outline)
-    if (measured := subject.measured(row)) is not None:
-        drawn["measured"] = msgspec.to_builtins(measured)
+    if subject.kind == "run":
+        plain = subject.values(row)
+        measured = {key: [plain[name] for name in names] for key, names in _MEASURED.items()}
+        drawn["measured"] = {key: None if None in values else values for key, values in measured.items()}
     return drawn
 
 

@@ -14,9 +14,15 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from simgrab.errors import ScenarioError, SimgrabError, memory_problem, shortened
-from simgrab.pages.server import assets
 from simgrab.text import printable
 
+_SHARED = Path(__file__).with_name("static")
+_KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
 Endpoint: TypeAlias = Callable[[Request], Response | Awaitable[Response]]
 
 
@@ -36,12 +42,16 @@ def application(
     handlers : mapping of exception types to callable, optional
         What answers other errors.
     """
-    files = assets.read(folder)
+    paths = [path for place in (_SHARED, folder) for path in place.iterdir() if path.suffix in _KINDS]
+    # Read once, by name, so that no path of a request is ever joined to one of the disk.
+    files = {path.name: (path.read_bytes(), _KINDS[path.suffix]) for path in paths}
 
     def file(request: Request) -> Response:
-        if (asset := files.get(request.path_params.get("name", index))) is None:
+        name = request.path_params.get("name", index)
+        if name not in files:
             raise HTTPException(404)
-        return Response(asset.content, media_type=asset.kind)
+        content, kind = files[name]
+        return Response(content, media_type=kind)
 
     routes = [
         Route(path, endpoint, methods=[method])

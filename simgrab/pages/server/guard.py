@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import hmac
 from http import HTTPStatus
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from starlette.datastructures import MutableHeaders
@@ -24,7 +25,6 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 
 from simgrab.pages.server import HOST
-from simgrab.pages.server.assets import ENTER
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 MOST_BODY_BYTES = 2 * 2**20
 """Of a request: a bit for each of 10 million rows, as base64, takes 1.6 MiB."""
 
+_ENTER = (Path(__file__).parent / "static/enter.html").read_bytes()
 _READING, _WRITING = ("GET", "HEAD"), ("POST",)
 _HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -94,7 +95,7 @@ class Guard:
         """
         if not self._is_token(token):
             raise RefusedError(HTTPStatus.FORBIDDEN, "the address holds another token than the command printed")
-        answer = HTMLResponse(ENTER, headers={"connection": "close"})
+        answer = HTMLResponse(_ENTER, headers={"connection": "close"})
         answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
         return answer
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import functools
 import math
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -29,13 +30,6 @@ MOST_FRAMES = 60
 _KEPT = 2  # records: those of both sides
 
 
-class PictureSource(Protocol):
-    """Gives the file of a scene's frame, at full size."""
-
-    def __call__(self, frame: int) -> Future[bytes]:
-        """Begin to render it."""
-
-
 @dataclass
 class _Record:
     scenario: Scenario
@@ -50,14 +44,15 @@ class Measuring:
         self._records: list[_Record] = []
         self._turn = threading.Lock()
 
-    def measure(self, scenario: Scenario, frame: int, rendered: PictureSource) -> dict[str, Any]:
+    def measure(self, scenario: Scenario, frame: int, rendered: Callable[[int], Future[bytes]]) -> dict[str, Any]:
         """Measure a frame; where that was done already, measure one more of its record.
 
         Parameters
         ----------
         scenario : Scenario
         frame : int
-        rendered : PictureSource
+        rendered : callable
+            Begins to render the picture file of a frame, at full size.
 
         Returns
         -------

@@ -22,8 +22,6 @@ from simgrab.pages.outlines import outline
 from simgrab.pages.studio.turns import Turns
 from simgrab.world.frames import Frame, FrameGenerator
 
-SIDES = ("a", "b")
-"""Scenes that are shown beside each other."""
 PREVIEW_WIDTH_PX = 480
 K = TypeVar("K")
 V = TypeVar("V")

@@ -133,7 +133,6 @@ def detector(
     need_torch()
     from simgrab.dataset.datasets import read
     from simgrab.instrument.detect import GrabDetector, located
-    from simgrab.judge.evaluate.boxed import score
     from simgrab.judge.own_grab import remarks
     from simgrab.training.detector import curve
     from simgrab.training.detector import real as real_frames
@@ -143,7 +142,7 @@ def detector(
 
     begin = None if start is None else located(start)
     shows = not (quiet or as_json)
-    known = real_frames.read(also, real, grab_classes, score) if also or real else None
+    known = real_frames.read(also, real, grab_classes) if also or real else None
     for line in known.summary if known and shows else ():
         click.echo(printable(f"real frames of {line}"), err=True)
     if known and counts:

@@ -14,15 +14,13 @@ import numpy as np
 from simgrab.dataset import boxed
 from simgrab.errors import DatasetError, TrainingError
 from simgrab.instrument.detect.grab import GrabDetector
-from simgrab.model.records.observations import Detection
+from simgrab.judge.evaluate.boxed import score
 from simgrab.model.rng import stream
-from simgrab.model.truth import Boxed
 from simgrab.training.detector import cache, evaluate
 
 SHARE = 0.2  # of the frames learned from: real ones count several times until they are so many
 MOST_TIMES = 16
 
-Score = Callable[[Sequence[Boxed], Sequence[Detection]], dict[str, Any]]
 Steps = Callable[[str], cache.Progress]
 
 
@@ -38,8 +36,6 @@ class Real:
         For the presence threshold and the factors of deviations.
     held_out : tuple of BoxedFrame
         To judge by.
-    score : callable
-        From rows of boxes and their detections to figures, ``by_video`` among them.
     summary : tuple of str
         A line for each dataset.
     """
@@ -47,7 +43,6 @@ class Real:
     train: tuple[cache.BoxedFrame, ...]
     val: tuple[cache.BoxedFrame, ...]
     held_out: tuple[cache.BoxedFrame, ...]
-    score: Score
     summary: tuple[str, ...] = ()
 
     def repeated(self, rendered: int) -> list[cache.TrainingFrame]:
@@ -78,7 +73,7 @@ class Real:
 
     def _judged(self, folder: Path, name: str, watch: Steps | None) -> dict[str, Any]:
         seen = evaluate.watch(GrabDetector(folder), self.held_out, watch(name) if watch else None)
-        return self.score([frame.row for frame in self.held_out], [one.detection for one in seen])
+        return score([frame.row for frame in self.held_out], [one.detection for one in seen])
 
     def some(self, count: int, seed: int) -> Real:
         """Keep some frames to learn from, whole videos first, and none for the threshold.
@@ -114,9 +109,7 @@ def digest(*some: Sequence[cache.BoxedFrame]) -> str:
     return hashlib.sha256(msgspec.json.encode([[frame.row for frame in frames] for frames in some])).hexdigest()
 
 
-def read(
-    also: Sequence[str | Path], held_out: Sequence[str | Path], grab_classes: Collection[str], score: Score
-) -> Real:
+def read(also: Sequence[str | Path], held_out: Sequence[str | Path], grab_classes: Collection[str]) -> Real:
     """Read real frames: of ``also`` the split test is to judge by, and all of ``held_out``.
 
     Raises
@@ -142,4 +135,4 @@ def read(
     for frame in judged:
         if frame.labelled and frame.row.image_sha256 in learned:  # two cameras may show the same nothing
             raise DatasetError(f"{frame.file} is both learned from and judged by; keep whole videos apart")
-    return Real(train, val, judged, score, tuple(one.summary for one in sets))
+    return Real(train, val, judged, tuple(one.summary for one in sets))
