@@ -15,10 +15,10 @@ from simgrab.instrument.estimate import PendulumSmoother, ZeroTilt
 from simgrab.instrument.estimate.chain import linear, prior, state_covariances
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.observation import Observation
-from simgrab.lab.rivals.camera import CAMERA, Tracked, conclude, kawai, target_angles
+from simgrab.lab.rivals.camera import Tracked, conclude, kawai, matsuo, optical_flow, target_angles
 from simgrab.lab.rivals.contract import Sensors, Series, Swing, read_series
 from simgrab.lab.rivals.inertial import INERTIAL, MOUNT
-from simgrab.lab.rivals.kalman import LinearModel, kalman
+from simgrab.lab.rivals.kalman import kalman
 from simgrab.lab.rivals.lidar import Scans, clusters, lidar, read_scans
 from simgrab.lab.rivals.marks import TAGS, Fiducial, Layered, Mark, circles, level_layers, target
 from simgrab.lab.rivals.tracking import flow, template
@@ -201,19 +201,17 @@ def test_the_filter_ends_where_the_whole_chain_does():
     n, step, reading = 12, np.array([[1.0, 0.1], [-0.3, 0.95]]), np.array([[1.0, 0.5], [0.0, 1.0]])
     readings, drive = rng.normal(size=(n, 2)), rng.normal(size=(n, 2))
     readings[3, 0] = readings[7] = np.nan
-    model = LinearModel(
-        np.array([2.0, 3.0]), np.tile(step, (n, 1, 1)), np.full((n, 2), 0.04), reading, np.array([0.5, 0.7]),
-        np.array([0.3, -0.2]), drive, np.full((n, 2), 0.1),
-    )  # fmt: skip
-    states, covariances = kalman(model, readings)
+    start, start_sd, reading_sd = np.array([0.3, -0.2]), np.array([2.0, 3.0]), np.array([0.5, 0.7])
+    steps, noise, known = np.tile(step, (n, 1, 1)), np.full((n, 2), 0.04), np.full((n, 2), 0.1)
+    states, covariances = kalman(readings, start_sd, steps, noise, reading, reading_sd, start, drive, known)
     none, of_first = np.zeros((n, 2, 0)), np.zeros((n, 2))
-    of_first[0] = model.start_sd**-2
-    seen = np.isfinite(readings) / model.reading_sd**2
+    of_first[0] = start_sd**-2
+    seen = np.isfinite(readings) / reading_sd**2
     best = (
-        linear(-model.advance[:-1], none[1:], drive[:-1], np.tile(np.eye(2) / 0.04, (n - 1, 1, 1)), np.tile(
+        linear(-steps[:-1], none[1:], drive[:-1], np.tile(np.eye(2) / 0.04, (n - 1, 1, 1)), np.tile(
             np.eye(2), (n - 1, 1, 1)))
         + linear(np.tile(reading, (n, 1, 1)), none, np.nan_to_num(readings - 0.1), seen[..., None] * np.eye(2))
-        + prior(np.tile(-model.start, (n, 1)), of_first, np.zeros(0), np.zeros(0))
+        + prior(np.tile(-start, (n, 1)), of_first, np.zeros(0), np.zeros(0))
     ).minimise()  # fmt: skip
     assert states[-1] == pytest.approx(best.states[-2:], abs=1e-10)
     assert covariances[-1] == pytest.approx(state_covariances(best, 2)[-1], abs=1e-10)
@@ -297,8 +295,7 @@ def test_a_template_measures_the_angle_from_the_optical_axis():
 
 
 def test_methods_by_name_are_instruments():
-    assert set(CAMERA) == {"kawai", "matsuo", "optical-flow"}
-    for name, factory in CAMERA.items():
+    for name, factory in {"kawai": kawai, "matsuo": matsuo, "optical-flow": optical_flow}.items():
         assert factory().name == name
         assert factory()([Frame(None, 0.0, "cut off")], CAMERA_FILE)[0].status == "lost"
 
@@ -346,9 +343,9 @@ def test_circles_and_target_are_found_to_parts_of_a_pixel():
 def test_layers_take_out_a_tilt_that_is_taken_for_swing_without_them():
     rope = Series(np.array([0.0, 10.0]), np.array([[20.0], [20.0]]))
     level = level_layers(CAMERA_FILE, np.array([0.0, 0.0, 1.5]), 0.5, [10, 20, 30])
-    assert level[1].mark == Mark((160.0, 120.0), pytest.approx(400 * 0.5 / 18.5))
+    assert level[20] == Mark((160.0, 120.0), pytest.approx(400 * 0.5 / 18.5))
     swing = np.radians(4)
-    u, v = level[1].mark.pixel
+    u, v = level[20].pixel
     frames = [
         Frame(np.zeros((4, 4, 3), np.uint8), 1.0),
         Frame(None, 2.0, "cut off"),
@@ -358,16 +355,16 @@ def test_layers_take_out_a_tilt_that_is_taken_for_swing_without_them():
         shift = 400 * np.tan(tilt)
 
         def find(picture, shift=shift):
-            return None if picture.any() else Mark((u + shift + 400 * np.tan(swing), v), level[1].mark.side_px)
+            return None if picture.any() else Mark((u + shift + 400 * np.tan(swing), v), level[20].side_px)
 
-        rest = [replace(layer, mark=Mark((layer.mark.pixel[0] + shift, v), layer.mark.side_px)) for layer in level]
+        rest = {length: Mark((mark.pixel[0] + shift, v), mark.side_px) for length, mark in level.items()}
         with_layers = Layered("x", find, rest, 0.5, 1.5, rope)(frames, CAMERA_FILE)
         assert [m.status for m in with_layers] == ["ok", "lost", "missed"]
         assert with_layers[0].alpha == pytest.approx(swing, abs=1e-6)
         without = Layered("x", find, level, 0.5, 1.5, rope)(frames, CAMERA_FILE)
         assert abs(without[0].alpha - swing - tilt) < np.radians(0.2)
     with pytest.raises(CalibrationError, match="increasing rope lengths"):
-        Layered("x", find, level[::-1], 0.5, 1.5, rope)
+        Layered("x", find, dict(reversed(level.items())), 0.5, 1.5, rope)
 
 
 def test_a_tag_gives_the_swing_of_its_plate():

@@ -20,10 +20,10 @@ from scripts import score_detector  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
+from simgrab.judge.evaluate.boxed import score  # noqa: E402
 from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.records.observations import Detection  # noqa: E402
 from simgrab.model.rng import stream  # noqa: E402
-from simgrab.judge.evaluate.boxed import score  # noqa: E402
 from simgrab.training.detector import curve, nets, pose, real, settings  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 

@@ -99,7 +99,3 @@ def optical_flow(rope: Series | None = None) -> Tracked:
     After no single source: flow of Lucas and Kanade in pyramids, as OpenCV has it. It needs rope lengths.
     """
     return Tracked("optical-flow", flow(), PendulumSmoother(), rope)
-
-
-CAMERA = {"kawai": kawai, "matsuo": matsuo, "optical-flow": optical_flow}
-"""Name → factory of an instrument; each can be made without arguments."""

@@ -14,7 +14,6 @@ from simgrab.lab.rivals.contract import Method, Sensors, Swing, refusing
 from simgrab.lab.rivals.kalman import (
     START_SD,
     STEP_S,
-    LinearModel,
     Pendulum,
     advance,
     averaged,
@@ -131,8 +130,8 @@ def _gyroscope(mount: str, waves_m_s: float | None) -> Method:
                 noise[:, i] = 1e-4 * STEP_S
             reading[0, 6] = reading[1, 8] = 1
             start_sd = np.concatenate([start_sd, [0.02, 0.002, 0.02, 0.002]])
-        model = LinearModel(start_sd, advance(a), noise, reading, np.full(2, RATE_SD))
-        return swing(time, steps, *kalman(model, rate[:, :2]), imu.time)
+        filtered = kalman(rate[:, :2], start_sd, advance(a), noise, reading, np.full(2, RATE_SD))
+        return swing(time, steps, *filtered, imu.time)
 
     return method
 
@@ -156,12 +155,12 @@ def kim(sensors: Sensors, time: Array) -> Swing:
     pendulum = Pendulum(rope.at(steps)[:, 0], rate)
     # The inclinometer's own acceleration takes its share of apparent gravity: (θ + a/g)(1 − r/l).
     share = (1 - ROPE_M / pendulum.equivalent)[:, None]
-    model = LinearModel(
+    filtered = kalman(
+        averaged(tilt.time - INCLINOMETER_LAG_S, tilt.values, steps),
         START_SD, advance(pendulum.rates(4)), pendulum.noise(4), share[..., None] * np.eye(2, 4),
         np.full(2, INCLINOMETER_SD), drive=pendulum.drive(4, force), known=share * force / STANDARD_GRAVITY,
     )  # fmt: skip
-    readings = averaged(tilt.time - INCLINOMETER_LAG_S, tilt.values, steps)
-    found = swing(time, steps, *kalman(model, readings), imu.time)
+    found = swing(time, steps, *filtered, imu.time)
     outside = (time < tilt.time[0]) | (time > tilt.time[-1])
     return found.without(outside, "the inclinometer does not last so long")
 
@@ -202,9 +201,10 @@ def jung(sensors: Sensors, time: Array) -> Swing:
     start = np.zeros(10)
     start[6:8] = -force[:2] / force[2]
     start_sd = np.concatenate([START_SD, np.repeat([BIAS_SD, LEVEL_SD, BIAS_SD], 2)])
-    model = LinearModel(start_sd, advance(a), noise, reading, np.repeat([RATE_SD, TARGET_SD], 2), start, drive, known)
     readings = np.hstack([rate[:, :2], averaged(target.time, target.values, steps)])
-    found = swing(time, steps, *kalman(model, readings), imu.time)
+    reading_sd = np.repeat([RATE_SD, TARGET_SD], 2)
+    filtered = kalman(readings, start_sd, advance(a), noise, reading, reading_sd, start, drive, known)
+    found = swing(time, steps, *filtered, imu.time)
     outside = (time < target.time[0]) | (time > target.time[-1])
     return found.without(outside, "the pictures do not last so long")
 

@@ -27,12 +27,16 @@ LEAN, SPEED = slice(0, 2), slice(2, 4)
 """Of a pendulum's state: angles along x and y, rad, and their rates over the ground, rad/s."""
 
 
-@dataclass(frozen=True, eq=False)
-class LinearModel:
-    """A linear model of n steps with d states and m readings.
+def kalman(
+    readings: Array, start_sd: Array, advance: Array, noise: Array, reading: Array, reading_sd: Array,
+    start: Array | float = 0.0, drive: Array | float = 0.0, known: Array | float = 0.0,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Filter m readings at n steps by a linear model with d states.
 
-    Attributes
+    Parameters
     ----------
+    readings : ndarray, shape (n, m)
+        Those that are NaN are left out.
     start_sd : ndarray, shape (d,)
     advance : ndarray, shape (n, d, d)
         From one step to the next; the last is not used.
@@ -46,20 +50,6 @@ class LinearModel:
         Added by each step.
     known : ndarray, shape (n, m), or float
         Added to the readings.
-    """
-
-    start_sd: Array
-    advance: Array
-    noise: Array
-    reading: Array
-    reading_sd: Array
-    start: Array | float = 0.0
-    drive: Array | float = 0.0
-    known: Array | float = 0.0
-
-
-def kalman(model: LinearModel, readings: Array) -> tuple[Array, Array]:
-    """Filter readings (n, m), of which those that are NaN are left out.
 
     Returns
     -------
@@ -67,20 +57,20 @@ def kalman(model: LinearModel, readings: Array) -> tuple[Array, Array]:
         After the reading of the step.
     covariances : ndarray, shape (n, d, d)
     """
-    n, d = model.noise.shape
-    x, p = np.zeros(d) + model.start, np.diag(model.start_sd**2)
-    drive, r = np.broadcast_to(model.drive, (n, d)), model.reading_sd**2
+    n, d = noise.shape
+    x, p = np.zeros(d) + start, np.diag(start_sd**2)
+    drive, r = np.broadcast_to(drive, (n, d)), reading_sd**2
     states, covariances = np.empty((n, d)), np.empty((n, d, d))
-    h = np.broadcast_to(model.reading, (n, *model.reading.shape[-2:]))
-    left = readings - model.known
+    h = np.broadcast_to(reading, (n, *reading.shape[-2:]))
+    left = readings - known
     for i in range(n):
         if (some := np.flatnonzero(np.isfinite(readings[i]))).size:
             of_some = h[i, some]
             change, p = update(p, of_some, left[i, some] - of_some @ x, np.diag(r[some]))
             x = x + change
         states[i], covariances[i] = x, p
-        x = model.advance[i] @ x + drive[i]
-        p = model.advance[i] @ p @ model.advance[i].T + np.diag(model.noise[i])
+        x = advance[i] @ x + drive[i]
+        p = advance[i] @ p @ advance[i].T + np.diag(noise[i])
     return states, covariances
 
 

@@ -18,7 +18,6 @@ from simgrab.instrument.estimate.inertial.readings import check_times
 from simgrab.lab.rivals.contract import Series, Swing
 from simgrab.lab.rivals.kalman import (
     START_SD,
-    LinearModel,
     Pendulum,
     advance,
     averaged,
@@ -175,5 +174,6 @@ def lidar(scans: Scans, rest: Scans, time: Array, jib_m: float) -> Swing:
     steps = grid(lean)
     length = interpolated(steps, at, depth[:, None]).mean() * np.ones(len(steps))
     pendulum = Pendulum(length, np.zeros(len(steps)))
-    model = LinearModel(START_SD, advance(pendulum.rates(4)), pendulum.noise(4), np.eye(2, 4), np.full(2, LEAN_SD))
-    return swing(time, steps, *kalman(model, averaged(at, lean.values, steps)), at, MOST_GAP_S)
+    readings, motion = averaged(at, lean.values, steps), advance(pendulum.rates(4))
+    states = kalman(readings, START_SD, motion, pendulum.noise(4), np.eye(2, 4), np.full(2, LEAN_SD))
+    return swing(time, steps, *states, at, MOST_GAP_S)

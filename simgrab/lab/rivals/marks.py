@@ -41,21 +41,6 @@ Finder = Callable[[Picture], Mark | None]
 """From a picture to the mark in it."""
 
 
-@dataclass(frozen=True)
-class RestMark:
-    """Where a mark is at rest, at one rope length.
-
-    Attributes
-    ----------
-    rope_m : float
-        |OA|.
-    mark : Mark
-    """
-
-    rope_m: float
-    mark: Mark
-
-
 def circles(picture: Picture) -> Mark | None:
     """Find four dark circles on white: blobs, ellipses through their edges, and the mean of four that form a square."""
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
@@ -121,7 +106,7 @@ def target(picture: Picture) -> Mark | None:
     return Mark((float(middles[largest, 0]) + 0.5, float(middles[largest, 1]) + 0.5), 2 * np.sqrt(area / np.pi))
 
 
-def level_layers(calibration: Calibration, position: Array, side_m: float, ropes: Sequence[float]) -> list[RestMark]:
+def level_layers(calibration: Calibration, position: Array, side_m: float, ropes: Sequence[float]) -> dict[float, Mark]:
     """Layers as they would be for a level camera: what is assumed where none were measured.
 
     Parameters
@@ -135,12 +120,12 @@ def level_layers(calibration: Calibration, position: Array, side_m: float, ropes
     ropes : sequence of float
         |OA|, m.
     """
-    layers = []
+    layers = {}
     for rope in ropes:
         seen = MOUNT.T @ (np.array([0.0, 0.0, -rope]) + position - calibration.offset_m)
         scale = calibration.focal_length_px / seen[2]
         pixel = float(calibration.cx_px + scale * seen[0]), float(calibration.cy_px + scale * seen[1])
-        layers.append(RestMark(rope, Mark(pixel, float(scale * side_m))))
+        layers[rope] = Mark(pixel, float(scale * side_m))
     return layers
 
 
@@ -152,8 +137,9 @@ class Layered:
     ----------
     name : str
     find : Finder
-    layers : sequence of RestMark
-        With increasing rope lengths; places between are interpolated, those beyond are the last.
+    layers : mapping of float to Mark
+        Where the mark is at rest, by |OA|, m, which increases; places between are interpolated, those beyond are the
+        last.
     side_m : float
         Length of what a `Mark` has as its side, m.
     up_m : float
@@ -169,13 +155,13 @@ class Layered:
 
     name: str
     find: Finder
-    layers: Sequence[RestMark]
+    layers: Mapping[float, Mark]
     side_m: float
     up_m: float
     rope: Series
 
     def __post_init__(self) -> None:
-        ropes = [layer.rope_m for layer in self.layers]
+        ropes = list(self.layers)
         if not ropes or (np.diff(ropes) <= 0).any():
             raise CalibrationError(f"{self.name}: layers with increasing rope lengths are needed, got {ropes}")
 
@@ -192,7 +178,7 @@ class Layered:
         if frame.time_s is None:
             return Measurement(status="unread", reason="a frame without time has no rope length")
         rope = float(self.rope.at(np.array([frame.time_s]))[0, 0])
-        table = np.array([(layer.rope_m, *layer.mark.pixel, layer.mark.side_px) for layer in self.layers])
+        table = np.array([(length, *place.pixel, place.side_px) for length, place in self.layers.items()])
         u, v, side = (np.interp(rope, table[:, 0], column) for column in table[:, 1:].T)
         shift = np.hypot(mark.pixel[0] - u, mark.pixel[1] - v) * self.side_m / side
         return Measurement(

@@ -16,7 +16,6 @@ from simgrab.io import pictures
 from simgrab.lab.rivals.contract import Series, Swing
 from simgrab.lab.rivals.kalman import (
     START_SD,
-    LinearModel,
     Pendulum,
     advance,
     averaged,
@@ -166,8 +165,9 @@ def filtered(readings: list[LeanReadings], lengths: Series, time: Array) -> Swin
     pendulum = Pendulum(lengths.at(steps)[:, 0], np.zeros(len(steps)))
     reading = np.concatenate(rows, axis=1)
     reading = np.concatenate([reading, np.zeros_like(reading)], axis=2)
-    model = LinearModel(START_SD, advance(pendulum.rates(4)), pendulum.noise(4), reading, np.array(sd))
-    found = swing(time, steps, *kalman(model, np.concatenate(values, axis=1)), every, MOST_GAP_S)
+    seen_values, motion = np.concatenate(values, axis=1), advance(pendulum.rates(4))
+    states = kalman(seen_values, START_SD, motion, pendulum.noise(4), reading, np.array(sd))
+    found = swing(time, steps, *states, every, MOST_GAP_S)
     for one, some in zip(readings, seen, strict=True):
         found = found.without(_gone(one.time[some], time), f"{one.source} for more than {MOST_GAP_S:g} s")
     return replace(found, alpha=np.arctan(found.alpha))
