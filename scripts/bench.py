@@ -26,6 +26,7 @@ from typing import Any, TypeVar
 import click
 import msgspec
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from scripts import bench_results
@@ -64,11 +65,6 @@ def in_turns(acts: Mapping[str, Callable[[T], Any]], items: Iterable[T], warm_up
             if number >= warm_up:
                 took[name].append(time.perf_counter() - start)
     return took
-
-
-def resident_mb() -> float:
-    """Memory of this process now."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
 
 
 def peak_mb() -> float:
@@ -184,7 +180,7 @@ def motion() -> Iterator[Quantity]:
     moments = iter(ClipMotion(scenes.load("work-cycles", {"frames": 10_000_000, "swing.wind.mean_m_s": 5.0}), 0))
     for hours in (0.25, 1.0, 4.0):
         next(moment for moment in moments if moment.time is not None and moment.time >= 3600 * hours)
-        yield Quantity.of(f"memory after {hours:g} h of a clip", "MB", resident_mb())
+        yield Quantity.of(f"memory after {hours:g} h of a clip", "MB", psutil.Process().memory_info().rss / 1e6)
 
 
 def world(repeats: int = 7) -> Iterator[Quantity]:
@@ -243,7 +239,7 @@ def run(video: Path, detector: str, frames: int, live_frames: int) -> Iterator[Q
                 last = shift + frame.time_s
                 decoding.append(time.perf_counter() - began)
                 if len(decoding) in (MEMORY_AFTER, count):
-                    memory.append(resident_mb())
+                    memory.append(psutil.Process().memory_info().rss / 1e6)
                 yield Frame(frame.picture, last, frame.reason)
                 if len(decoding) >= count:
                     return

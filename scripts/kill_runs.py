@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
+import psutil
 from rich.console import Console
 from rich.table import Table
 
@@ -265,26 +266,19 @@ def _is_draft(file: str) -> bool:
 def _workers(parent: int) -> list[int]:
     """Find the processes that a process started, but for the one that looks after shared memory."""
     try:
-        children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    except OSError:
+        return [child.pid for child in psutil.Process(parent).children() if "spawn_main" in " ".join(child.cmdline())]
+    except psutil.Error:  # one is gone meanwhile
         return []
-    return [int(pid) for pid in children if b"spawn_main" in _of(pid, "cmdline")]
-
-
-def _of(pid: str, file: str) -> bytes:
-    """Read a file of /proc about a process; empty where it is gone."""
-    try:
-        return Path("/proc", pid, file).read_bytes()
-    except OSError:
-        return b""
 
 
 def _left(mark: str) -> list[str]:
     """Find processes that stay when a run has ended; zombies, whose environment is gone, are none."""
     until = time.monotonic() + LINGERS_S
-    while left := [p.name for p in Path("/proc").glob("[0-9]*") if f"{MARK}={mark}".encode() in _of(p.name, "environ")]:
+    while left := [
+        p for p in psutil.process_iter(["environ", "cmdline"]) if (p.info["environ"] or {}).get(MARK) == mark
+    ]:
         if time.monotonic() > until:
-            return [f"process {pid}: {_of(pid, 'cmdline').decode(errors='replace')}" for pid in left]
+            return [f"process {one.pid}: {' '.join(one.info['cmdline'] or ())}" for one in left]
         time.sleep(0.1)
     return []
 

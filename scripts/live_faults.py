@@ -24,6 +24,7 @@ from typing import Any
 import av
 import click
 import numpy as np
+import psutil
 import tomli_w
 
 from simgrab.dataset.tables import calibration_of
@@ -157,12 +158,6 @@ def serve(work: Path, port: int, faults: int, gap_s: float) -> None:
             client = muxer = None
 
 
-def memory_mb() -> float:
-    """Resident memory of this process."""
-    fields = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    return float(fields["VmRSS"].split()[0]) / 1024
-
-
 @click.command()
 @click.option("--minutes", default=480.0, show_default=True)
 @click.option("--faults", default=20, show_default=True, help="How many of them.")
@@ -183,7 +178,7 @@ def main(minutes: float, faults: int, work: Path) -> None:
 
     def sample() -> None:
         while not ended.wait(10):
-            memory.append(memory_mb())
+            memory.append(psutil.Process().memory_info().rss / 2**20)
 
     def note(line: str) -> None:
         events.append((time.monotonic(), line))

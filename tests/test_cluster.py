@@ -6,7 +6,6 @@ import re
 import socket
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -100,7 +99,8 @@ def renders(folder, there, **where):
 
         study = msgspec.structs.replace(quickened(catalogue.load(catalogue.names()[0])), replications=2)
         with laboratory.worker_pool(1, **where) as pool:
-            tables = sorted(pool.map(partial(laboratory.made, study), laboratory.parts(study)))
+            jobs = [(study, part) for part in laboratory.parts(study)]
+            tables = sorted(table for _, _, table in pool.map(laboratory.made, jobs))
         (folder / f"{there}-stress").write_bytes(b"".join(tables))
 
 

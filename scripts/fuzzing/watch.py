@@ -17,6 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import psutil
+
 from simgrab.errors import SimgrabError
 from simgrab.runtime.processes import die_with_parent
 
@@ -76,9 +78,10 @@ class Watched:
         peak, outcome = 0.0, None
         try:
             self._pipe.recv()  # it begins
-            begun, used = time.monotonic(), processor_s(self._process.pid)
+            begun, worker = time.monotonic(), psutil.Process(self._process.pid)
+            used = sum(worker.cpu_times()[:2])
             while not self._pipe.poll(_POLL_S):
-                seconds, peak = processor_s(self._process.pid) - used, max(peak, memory_mib(self._process.pid))
+                seconds, peak = sum(worker.cpu_times()[:2]) - used, max(peak, worker.memory_info().rss / _MIB)
                 if seconds > self.limits.seconds:
                     outcome = Outcome(LIMIT, f"longer than {self.limits.seconds:g} s", seconds, peak)
                 elif time.monotonic() - begun > self.limits.waiting:
@@ -91,7 +94,7 @@ class Watched:
                     break
             else:
                 outcome = self._pipe.recv()
-        except (EOFError, ConnectionError):
+        except (EOFError, ConnectionError, psutil.NoSuchProcess):
             self._process.join()
             code = self._process.exitcode
             name = signal.Signals(-code).name if code < 0 else f"exit with {code}"
@@ -148,7 +151,7 @@ def _attempt(openers: Mapping[str, Any], kind: str, target: Path, corpus: Path) 
         status, text = _judged(problem)
     except BaseException:
         status, text = TRACEBACK, traceback.format_exc()
-    return Outcome(status, text, time.process_time() - begun, memory_mib(os.getpid(), "VmHWM"))
+    return Outcome(status, text, time.process_time() - begun, _peak_mib())
 
 
 def _judged(problem: SimgrabError) -> tuple[str, str]:
@@ -166,21 +169,9 @@ def _judged(problem: SimgrabError) -> tuple[str, str]:
     return REFUSED, f"{type(problem).__name__}: {text}"
 
 
-def memory_mib(process: int, field: str = "VmRSS") -> float:
-    """Resident memory of a process by its number: now, or ``VmHWM`` at its peak; 0 where it is gone."""
-    with contextlib.suppress(OSError):
-        for line in Path(f"/proc/{process}/status").read_text().splitlines():
-            if line.startswith(f"{field}:"):
-                return int(line.split()[1]) * 1024 / _MIB
-    return 0.0
-
-
-def processor_s(process: int) -> float:
-    """Processor time of a process by its number; 0 where it is gone."""
-    with contextlib.suppress(OSError):
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return 0.0
+def _peak_mib() -> float:
+    fields = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    return int(fields["VmHWM"].split()[0]) * 1024 / _MIB
 
 
 def _forget_peak() -> None:

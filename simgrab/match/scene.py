@@ -380,7 +380,8 @@ def _figures(theirs: Appearance, ours: Appearance) -> list[tuple[str, Figure]]:
         frequency, power = _spectrum(one.footage.luma[0])
         axes[1].loglog(frequency, power, label=name, color=colour)
         if one.noise.curve is not None:
-            axes[2].plot(one.noise.curve.level, np.sqrt(one.noise.curve.variance), "o-", label=name, color=colour)
+            level, variance = one.noise.curve
+            axes[2].plot(level, np.sqrt(variance), "o-", label=name, color=colour)
     labels = (
         ("luma, levels", "share of the pixels"), ("frequency, cycles a pixel", "power, levels²"),
         ("luma, levels", "noise, standard deviation, levels"),

@@ -110,11 +110,12 @@ def schema(study: Study) -> pa.Schema:
     return pa.schema(fields + [(name, pa.float64()) for name in columns(study.kind)])
 
 
-def made(study: Study, part: ReplicationBatch) -> bytes:
-    """Make a part; gives the bytes of its table."""
+def made(job: tuple[Study, ReplicationBatch]) -> tuple[str, ReplicationBatch, bytes]:
+    """Make a part; gives the study's name, the part and the bytes of its table."""
+    study, part = job
     sink = io.BytesIO()
     pq.write_table(make(study, part), sink)
-    return sink.getvalue()
+    return study.name, part, sink.getvalue()
 
 
 def worker_pool(workers: int, cluster: str | None = None) -> Executor:
@@ -249,7 +250,7 @@ def run(
         if cluster is not None:
             makers = worker_pool(workers, cluster)
             stack.enter_context(makers)
-        for name, part, data in makers.map(_made, missing, name=_named):
+        for name, part, data in makers.map(made, missing, name=_named):
             journals[name].add(part.file, data)
             done += part.last - part.first
             if progress:
@@ -273,12 +274,6 @@ def _named(job: tuple[Study, ReplicationBatch]) -> str:
 
 def _figured(finding: StudyResult) -> str:
     return f"figures of {finding.summary.study.name}"
-
-
-def _made(job: tuple[Study, ReplicationBatch]) -> tuple[str, ReplicationBatch, bytes]:
-    """Make a part; gives the study's name, the part and what its file is to hold."""
-    study, part = job
-    return study.name, part, made(study, part)
 
 
 def _identity(study: Study) -> dict[str, Any]:

@@ -49,8 +49,6 @@ class Appearance:
         Red over green and blue over green of the mean, linear: the colour of light and surroundings together.
     display : DisplayMatch
     grab : Grab
-    still : float
-        Share of the picture that stands still.
     """
 
     footage: Footage
@@ -64,7 +62,6 @@ class Appearance:
     cast: tuple[Quantity, Quantity]
     display: DisplayMatch
     grab: Grab
-    still: float
 
     def rows(self) -> list[tuple[str, str]]:
         """Names and texts of all quantities, as reports list them."""
@@ -121,7 +118,7 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
         return Appearance(
             footage, grey, True, Noise(none, none, None), px, Sharpness(unknown(_BLACK, "%")),
             unknown(_BLACK, "stops"), none, (none, none), DisplayMatch(None, _BLACK, 0.0),
-            Grab(exact(0.0), px, unknown(_BLACK, "°"), None, np.zeros((0, 4))), 0.0,
+            Grab(exact(0.0), px, unknown(_BLACK, "°"), None, np.zeros((0, 4))),
         )  # fmt: skip
     standing = still(footage)
     shown = display(footage)
@@ -135,7 +132,7 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
         unknown(_FLOODLIGHTS, "stops")
         if night
         else vignetting(footage, standing.pixels(*footage.luma.shape[1:]) if standing else None, covered),
-        *_means(footage), shown, found, standing.share if standing else 0.0,
+        *_means(footage), shown, found,
     )  # fmt: skip
 
 

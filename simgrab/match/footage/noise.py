@@ -42,20 +42,6 @@ CLEAR = 7.0  # deviations that a level must be above black
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
-    """A photon transfer curve of luma.
-
-    Attributes
-    ----------
-    level, variance : ndarray, shape (n,)
-        Mean levels, and variances over time, levels².
-    """
-
-    level: NDArray[np.float64]
-    variance: NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
 class Noise:
     """Noise in linear light, white being 1.
 
@@ -65,12 +51,13 @@ class Noise:
         k: variance of shot noise per unit of light.
     read : Quantity
         r: standard deviation of the read noise.
-    curve : Curve or None
+    curve : ndarray, shape (2, n), or None
+        Photon transfer curve of luma: mean levels, and variances over time, levels².
     """
 
     gain: Quantity
     read: Quantity
-    curve: Curve | None
+    curve: Floats | None
 
 
 def noise(footage: Footage, still: StillBlocks | None, hidden: NDArray[np.bool_]) -> Noise:
@@ -168,12 +155,12 @@ def _blocks(footage: Footage, still: StillBlocks, hidden: NDArray[np.bool_]) -> 
     return _Blocks(*(np.asarray(field)[usable] for field in fields))
 
 
-def _curve(blocks: _Blocks) -> Curve:
-    """Medians by level."""
+def _curve(blocks: _Blocks) -> Floats:
+    """Median variances by level, shape (2, n)."""
     edges = np.linspace(DARKEST, BRIGHTEST, BINS + 1)
     which = np.digitize(blocks.level, edges) - 1
     some = [which == i for i in range(BINS) if (which == i).sum() >= 4]
-    return Curve(*(np.array([np.median(field[at]) for at in some]) for field in (blocks.level, blocks.variance)))
+    return np.array([[np.median(field[at]) for at in some] for field in (blocks.level, blocks.variance)])
 
 
 def _fit(blocks: _Blocks) -> tuple[float, float]:
@@ -195,5 +182,5 @@ def _fit(blocks: _Blocks) -> tuple[float, float]:
     return float(gain), float(read)
 
 
-def _none(reason: str, curve: Curve | None) -> Noise:
+def _none(reason: str, curve: Floats | None) -> Noise:
     return Noise(unknown(reason), unknown(reason), curve)

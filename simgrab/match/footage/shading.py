@@ -126,7 +126,4 @@ def _pairs(
 
 def _slope(change: Floats, step: Floats) -> float:
     """Slope through the origin of least absolute deviation: the weighted median of the ratios."""
-    ratio, weight = change / step, np.abs(step)
-    order = np.argsort(ratio)
-    total = np.cumsum(weight[order])
-    return float(ratio[order][np.searchsorted(total, total[-1] / 2)])
+    return float(np.quantile(change / step, 0.5, weights=np.abs(step), method="inverted_cdf"))

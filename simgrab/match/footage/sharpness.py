@@ -54,16 +54,12 @@ class Sharpness:
     @property
     def noise_gain(self) -> float:
         """By what the sharpening multiplies the variance of white noise."""
-        return noise_gain(self.amount, self.radius_px)
-
-
-def noise_gain(amount: float, radius_px: float) -> float:
-    """Say by what an unsharp mask multiplies the variance of white noise."""
-    x = np.arange(-math.ceil(4 * radius_px), math.ceil(4 * radius_px) + 1)
-    blurred = np.exp(-(x**2) / (2 * radius_px**2))
-    blurred /= blurred.sum()
-    centre, squares = float(blurred.max() ** 2), float((blurred**2).sum() ** 2)
-    return (1 + amount) ** 2 - 2 * amount * (1 + amount) * centre + amount**2 * squares
+        amount, radius = self.amount, self.radius_px
+        x = np.arange(-math.ceil(4 * radius), math.ceil(4 * radius) + 1)
+        blurred = np.exp(-(x**2) / (2 * radius**2))
+        blurred /= blurred.sum()
+        centre, squares = float(blurred.max() ** 2), float((blurred**2).sum() ** 2)
+        return (1 + amount) ** 2 - 2 * amount * (1 + amount) * centre + amount**2 * squares
 
 
 def sharpness(footage: Footage, hidden: NDArray[np.bool_]) -> Sharpness:

@@ -15,7 +15,6 @@ LAG = 8  # frames between which differences are taken: a coder copies a part of 
 _SIGMAS = 4.0
 _BURST = 1.5  # of its usual variance, by which a block is taken to move
 _SLACK = 0.15  # levels, by which a block's mean may change besides
-LEAST_BLOCKS = 20
 
 Blocks = NDArray[np.float32]
 
@@ -42,11 +41,6 @@ class StillBlocks:
     def always(self) -> NDArray[np.bool_]:
         """Blocks that stand still nearly all the time, shape (rows, columns)."""
         return np.asarray(self.blocks.mean(axis=0) > 0.9)
-
-    @property
-    def share(self) -> float:
-        """Share of the picture that stands still."""
-        return float(self.blocks.mean()) if self.blocks.size else 0.0
 
     def pixels(self, height: int, width: int) -> NDArray[np.bool_]:
         """Pixels of blocks that stand still nearly all the time, shape (height, width)."""

@@ -117,7 +117,7 @@ def test_an_interruption_changes_nothing(tmp_path):
     journal, part = laboratory.journal(study, tmp_path), parts(study)[1]
     with journal.opened(identity):
         (folder / PARTIAL / "draft-1-torn").write_bytes(b"half")
-        journal.add(part.file, made(study, part))  # and then it was killed
+        journal.add(part.file, made((study, part))[2])  # and then it was killed
     laboratory.run([study], tmp_path, resume=True, progress=lambda *counts: counted.append(counts))
     assert counted == [(1, 2), (2, 2)]
     found = pq.read_table(folder / TRIALS)
