@@ -26,22 +26,41 @@ Tracker = Callable[[Iterable[Frame]], Iterator[Observation]]
 """From the frames of a record, in order, to the target's centre in each."""
 
 
-def _grey(picture: Picture) -> NDArray[np.uint8]:
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)
-
-
-def _missing(frame: Frame, why: str) -> Observation:
-    if frame.picture is None:
-        return Observation(frame.time_s, frame.name, lost=frame.reason or "no picture")
-    return Observation(frame.time_s, frame.name, missed=why)
-
-
 def _first(find: Detector, picture: Picture) -> tuple[Array, Array] | None:
     """Box (4,) and centre (2,) of the target in a picture; the middle of the box where the detector has no centre."""
     found = find(picture)
     if not found.found or found.box is None:
         return None
     return found.box, found.centre if found.centre is not None else (found.box[:2] + found.box[2:]) / 2
+
+
+Grey = NDArray[np.uint8]
+Follow = Callable[[Grey], Array | str]
+"""From the next picture to the target's centre, px, or why it was not found."""
+
+
+def _tracker(start: Detector | None, begin: Callable[[Grey, Array, Array], Follow]) -> Tracker:
+    """Track from the first picture in which the target is detected: its grey, box (4,) and centre (2,)."""
+
+    def track(frames: Iterable[Frame]) -> Iterator[Observation]:
+        find = detector() if start is None else start
+        follow: Follow | None = None
+        for frame in frames:
+            if frame.picture is None:
+                yield Observation(frame.time_s, frame.name, lost=frame.reason or "no picture")
+                continue
+            grey = np.asarray(cv2.cvtColor(frame.picture, cv2.COLOR_RGB2GRAY), np.uint8)
+            found: Array | str = NOT_YET
+            if follow is not None:
+                found = follow(grey)
+            elif (begun := _first(find, frame.picture)) is not None:
+                follow, found = begin(grey, *begun), begun[1]
+            if isinstance(found, str):
+                yield Observation(frame.time_s, frame.name, missed=found)
+            else:
+                yield Observation(frame.time_s, frame.name, centre=(float(found[0]), float(found[1])))
+
+    return track
 
 
 def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
@@ -55,47 +74,31 @@ def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
         Finds the target in the first picture; by default the bundled detector.
     """
 
-    def track(frames: Iterable[Frame]) -> Iterator[Observation]:
-        find = detector() if start is None else start
-        patch: NDArray[np.float32] | None = None
-        centre, half, reach, shift = np.zeros(2), 0, 0, np.zeros(2)
-        for frame in frames:
-            if frame.picture is None:
-                yield _missing(frame, "")
-                continue
-            grey = _grey(frame.picture)
-            if patch is None:
-                begun = _first(find, frame.picture)
-                if begun is None:
-                    yield _missing(frame, NOT_YET)
-                    continue
-                (x0, y0, x1, y1), centre = begun
-                side = float(max(x1 - x0, y1 - y0))
-                half = int(np.clip(PATCH * side / 2, LEAST_PX / 2, MOST_PX / 2))
-                reach = max(int(SEARCH * side / 2), 4)
-                corner = np.floor(centre - half).astype(int)
-                patch, shift = _cut(grey, corner, 2 * half), centre - corner
-                yield Observation(frame.time_s, frame.name, centre=_pair(centre))
-                continue
+    def begin(grey: Grey, box: Array, centre: Array) -> Follow:
+        side = float(max(box[2:] - box[:2]))
+        half = int(np.clip(PATCH * side / 2, LEAST_PX / 2, MOST_PX / 2))
+        reach = max(int(SEARCH * side / 2), 4)
+        corner = np.floor(centre - half).astype(int)
+        patch, shift = _cut(grey, corner, 2 * half), centre - corner
+
+        def follow(grey: Grey) -> Array | str:
+            nonlocal patch, centre
             corner = np.floor(centre - shift + 0.5).astype(int)
             place, score = _match(_cut(grey, corner - reach, 2 * (half + reach)), patch)
             if score < LEAST_SCORE:
-                yield _missing(frame, f"the target correlates by {score:.2f}, at least {LEAST_SCORE:g} is needed")
-                continue
+                return f"the target correlates by {score:.2f}, at least {LEAST_SCORE:g} is needed"
             centre = corner - reach + place + shift
             if update:
                 now = _cut(grey, np.floor(centre - shift + 0.5).astype(int), 2 * half)
                 patch = np.asarray((1 - update) * patch + update * now, np.float32)
-            yield Observation(frame.time_s, frame.name, centre=_pair(centre))
+            return centre
 
-    return track
+        return follow
 
-
-def _pair(values: Array) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
+    return _tracker(start, begin)
 
 
-def _cut(grey: NDArray[np.uint8], corner: NDArray[np.int64], side: int) -> NDArray[np.float32]:
+def _cut(grey: Grey, corner: NDArray[np.int64], side: int) -> NDArray[np.float32]:
     """Cut a square, whose parts beyond the picture repeat its edge."""
     rows = np.clip(np.arange(corner[1], corner[1] + side), 0, grey.shape[0] - 1)
     columns = np.clip(np.arange(corner[0], corner[0] + side), 0, grey.shape[1] - 1)
@@ -121,38 +124,29 @@ def flow(start: Detector | None = None) -> Tracker:
     new ones within the moved box. Nothing corrects a drift.
     """
 
-    def track(frames: Iterable[Frame]) -> Iterator[Observation]:
-        find = detector() if start is None else start
-        before: NDArray[np.uint8] | None = None
-        centre, corners, points = np.zeros(2), np.zeros((4, 2)), np.zeros((0, 2), np.float32)
-        for frame in frames:
-            if frame.picture is None:
-                yield _missing(frame, "")
-                continue
-            grey = _grey(frame.picture)
-            if before is None:
-                begun = _first(find, frame.picture)
-                if begun is None:
-                    yield _missing(frame, NOT_YET)
-                    continue
-                (x0, y0, x1, y1), centre = begun
-                corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
-            else:
-                moved = _moved(before, grey, points)
-                if moved is None:
-                    yield _missing(frame, "too few corners could be followed")
-                    continue
-                turn, points = moved
-                centre, corners = turn[:, :2] @ centre + turn[:, 2], corners @ turn[:, :2].T + turn[:, 2]
+    def begin(grey: Grey, box: Array, centre: Array) -> Follow:
+        x0, y0, x1, y1 = box
+        before, corners = grey, np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
+        points = _corners(grey, corners, np.zeros((0, 2), np.float32))
+
+        def follow(grey: Grey) -> Array | str:
+            nonlocal before, centre, corners, points
+            moved = _moved(before, grey, points)
+            if moved is None:
+                return "too few corners could be followed"
+            turn, points = moved
+            centre, corners = turn[:, :2] @ centre + turn[:, 2], corners @ turn[:, :2].T + turn[:, 2]
             if len(points) < FEATURES / 2:
                 points = _corners(grey, corners, points)
             before = grey
-            yield Observation(frame.time_s, frame.name, centre=_pair(centre))
+            return centre
 
-    return track
+        return follow
+
+    return _tracker(start, begin)
 
 
-def _corners(grey: NDArray[np.uint8], box: Array, points: NDArray[np.float32]) -> NDArray[np.float32]:
+def _corners(grey: Grey, box: Array, points: NDArray[np.float32]) -> NDArray[np.float32]:
     """Corners within a box, those that are followed already first; px, shape (n, 2)."""
     mask = np.zeros(grey.shape, np.uint8)
     cv2.fillConvexPoly(mask, np.rint(box).astype(np.int32), 255)
@@ -162,9 +156,7 @@ def _corners(grey: NDArray[np.uint8], box: Array, points: NDArray[np.float32]) -
     return np.concatenate([points, new.reshape(-1, 2) + np.float32(0.5)])[:FEATURES]
 
 
-def _moved(
-    before: NDArray[np.uint8], after: NDArray[np.uint8], points: NDArray[np.float32]
-) -> tuple[Array, NDArray[np.float32]] | None:
+def _moved(before: Grey, after: Grey, points: NDArray[np.float32]) -> tuple[Array, NDArray[np.float32]] | None:
     """Similarity (2, 3) from one picture to the next, and where the corners went that follow it."""
     if len(points) < LEAST_FEATURES:
         return None
