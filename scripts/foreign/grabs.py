@@ -57,7 +57,7 @@ class Pieces(list[tuple[Trimesh, str]]):
     def plate(self, paint: str, outline: Any, y: float, thickness: float = PLATE_M, side: int = 1) -> None:
         """Add an upright plate: its outline in (x, z), mirrored at x = 0 for side −1, its middle at y."""
         shape = outline if hasattr(outline, "exterior") else shapely.Polygon(outline)
-        self.append((_upright(shape if side > 0 else _mirrored(shape), y, thickness), paint))
+        self.append((_upright(shapely.affinity.scale(shape, side, 1, origin=(0, 0)), y, thickness), paint))
 
 
 Grab = tuple[dict[str, Pieces], dict[str, Any]]
@@ -78,15 +78,12 @@ def write(path: Path, kind: str, rng: Generator) -> dict[str, Any]:
     for node, pieces in nodes.items():
         scene.graph.update(frame_to=node, frame_from=scene.graph.base_frame, matrix=np.eye(4))
         for paint in dict.fromkeys(name for _, name in pieces):
-            mesh = trimesh.util.concatenate([_faceted(piece) for piece, name in pieces if name == paint])
+            some = (piece for piece, name in pieces if name == paint)
+            mesh = trimesh.util.concatenate([Trimesh(one.vertices, one.faces, process=False) for one in some])
             mesh.visual = trimesh.visual.TextureVisuals(material=paints[paint])
             scene.add_geometry(mesh, node_name=f"{node}-{paint}", geom_name=f"{node}-{paint}", parent_node_name=node)
     path.write_bytes(trimesh.exchange.gltf.export_glb(scene, include_normals=False))
     return keys | {"up": "z"}
-
-
-def _faceted(mesh: Trimesh) -> Trimesh:
-    return Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
 def _paints(rng: Generator) -> Paints:
@@ -94,8 +91,8 @@ def _paints(rng: Generator) -> Paints:
     value = float(rng.uniform(0.25, 0.85))
     other, grey = float(rng.uniform(0, 1)), float(rng.uniform(0.03, 0.25))
     kinds = {
-        "paint": (*_rgb(hue, saturation, value), 0.0, 0.5),
-        "second": (*_rgb(other, 0.6 * float(rng.random()), float(rng.uniform(0.15, 0.7))), 0.0, 0.6),
+        "paint": (*colorsys.hsv_to_rgb(hue, saturation, value), 0.0, 0.5),
+        "second": (*colorsys.hsv_to_rgb(other, 0.6 * rng.random(), rng.uniform(0.15, 0.7)), 0.0, 0.6),
         "steel": (grey + 0.1, grey + 0.09, grey + 0.08, 1.0, 0.45),
         "worn": (0.16, 0.10, 0.07, 0.3, 0.8),
         "black": (0.02, 0.02, 0.022, 0.0, 0.7),
@@ -107,17 +104,9 @@ def _paints(rng: Generator) -> Paints:
     }
 
 
-def _rgb(h: float, s: float, v: float) -> tuple[float, float, float]:
-    return colorsys.hsv_to_rgb(h, s, v)
-
-
 def _upright(shape: Any, y: float, thickness: float) -> Trimesh:
     turn = np.array([(1, 0, 0, 0), (0, 0, -1, y + thickness / 2), (0, 1, 0, 0), (0, 0, 0, 1)], float)
     return extrude_polygon(shape, thickness).apply_transform(turn)
-
-
-def _mirrored(outline: Any) -> Any:
-    return shapely.affinity.scale(outline, -1, 1, origin=(0, 0))
 
 
 def _shell(side: int, hinge: tuple[float, float], reach: float, bottom: float, length: float, rng: Generator) -> Pieces:

@@ -10,12 +10,12 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from simgrab.dataset import manifest, pool, preview, record, sensors, stored, tables
+from simgrab.dataset import manifest, pool, preview, record, sensors, shards, stored, tables
 from simgrab.dataset.datasets import MANIFEST
 from simgrab.dataset.pool import FrameNumbers, Progress, Tick, Work
 from simgrab.dataset.record import StoredFrame
 from simgrab.dataset.shard_reader import table
-from simgrab.dataset.shards import Done, Packed, Shards, frames_of
+from simgrab.dataset.shards import Done, Packed
 from simgrab.dataset.summary import Summary, Tally, TallyColumns
 from simgrab.dataset.video.render import Clips, ClipWork, files_of
 from simgrab.errors import DatasetError
@@ -233,59 +233,73 @@ class _Shards:
     def __init__(self, recipe: Recipe, url: str, shard_frames: int | None) -> None:
         self._recipe, scenario = recipe, recipe.scenario
         self._core = manifest.identity(scenario, recipe.extensions.describe())
-        self._shards = Shards(Store(url), scenario, frames_of(scenario, shard_frames, varies=recipe.varies))
+        self._frames = shards.frames_of(scenario, shard_frames, varies=recipe.varies)
+        self._spans = shards.spans(scenario, self._frames)
+        self._journal = Journal(Store(url), partial="", claim=shards.UNFINISHED, whole=MANIFEST)
         self._done: dict[int, Done] = {}
         self._rendered_by: Fingerprint | None = None
-        self.work = functools.partial(_shard, self._shards)
+        self.work = functools.partial(_shard, self._journal, self._frames)
 
     @property
     def begun(self) -> bool:
-        return self._shards.journal.begun
+        return self._journal.begun
 
     @property
     def _identity(self) -> dict[str, Any]:
-        return self._core | {"shard_frames": self._shards.frames}
+        return self._core | {"shard_frames": self._frames}
 
     def check(self, *, resume: bool) -> bool:
-        remaining = self._shards.journal.check(self._identity, resume=resume)
-        for one in self._shards.done():
+        remaining = self._journal.check(self._identity, resume=resume)
+        for one in shards.complete(self._journal.store, self._recipe.scenario, len(self._spans)):
             self.take(one)
-        return remaining or len(self._done) < len(self._shards.spans)
+        return remaining or len(self._done) < len(self._spans)
 
     @contextmanager
     def opened(self) -> Iterator[list[FrameNumbers]]:
-        journal = self._shards.journal
-        with journal.opened(self._identity):
-            if journal.store.exists(MANIFEST):  # of a finished dataset that lost shards
-                journal.store.remove(MANIFEST)
-            yield [frames for number, frames in enumerate(self._shards.spans) if number not in self._done]
+        with self._journal.opened(self._identity):
+            if self._journal.store.exists(MANIFEST):  # of a finished dataset that lost shards
+                self._journal.store.remove(MANIFEST)
+            yield [frames for number, frames in enumerate(self._spans) if number not in self._done]
 
     def take(self, made: Done) -> None:
-        where = f"{self._shards.store.place}, {table(made.number)}"
+        where = f"{self._journal.store.place}, {table(made.number)}"
         self._rendered_by = manifest.same_renderer(made.rendered_by, self._rendered_by, where)
         self._done[made.number] = made
 
     def finish(self) -> None:
+        """Write the files that depend on all shards; the manifest comes last."""
+        scenario, store = self._recipe.scenario, self._journal.store
         assert self._rendered_by is not None
-        self._shards.check_claimed()
-        written = sensors.write(self._recipe, self._shards.store.writing)
-        self._shards.finish(self._core, self._done, self._rendered_by, written)
+        shards.check_claimed(self._journal, scenario)
+        others = sensors.write(self._recipe, store.writing)
+        shards.check_claimed(self._journal, scenario)
+        there = store.sizes("labels")
+        for number in range(len(self._spans)):
+            if table(number) not in there:
+                raise DatasetError(f"{store.place}: {table(number)} is gone; run it again with --resume")
+        digests = {name: store.sha256(name) for name in others}
+        known = [self._done[number] for number in range(len(self._spans))]
+        shards.finish(store, self._core, self._frames, known, scenario, self._rendered_by, digests)
+        self._journal.close()
 
     def summary(self, made: int) -> Summary:
         assert self._rendered_by is not None
         tally = functools.reduce(Tally.__add__, (self._done[number].tally for number in sorted(self._done)))
-        store, scenario = self._shards.store, self._recipe.scenario
-        return Summary.of(store.place, tally, scenario, made, self._rendered_by.digest)
+        place = self._journal.store.place
+        return Summary.of(place, tally, self._recipe.scenario, made, self._rendered_by.digest)
 
 
-def _shard(shards: Shards, generator: FrameGenerator, frames: range, tick: Tick) -> Done:
+def _shard(journal: Journal, frames_each: int, generator: FrameGenerator, frames: range, tick: Tick) -> Done:
     """Make a shard and write it."""
+    scenario = generator.scenario
 
     def packed() -> Iterator[Packed]:
         for frame in frames:
             made = stored.make(generator, frame)
             row, mask = made.record.truth, made.record.mask
-            yield Packed(row, mask if tables.is_labelled(row, generator.scenario) else None, made.files)
+            yield Packed(row, mask if tables.is_labelled(row, scenario) else None, made.files)
             tick()
 
-    return shards.write(frames, packed(), generator.scene(frames[0]).renderer.fingerprint)
+    rendered_by = generator.scene(frames[0]).renderer.fingerprint
+    shards.check_claimed(journal, scenario)
+    return shards.write(journal.store, frames.start // frames_each, packed(), scenario, rendered_by)

@@ -13,7 +13,6 @@ import io
 import math
 import tarfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,79 +91,40 @@ def frames_of(scenario: Scenario, frames: int | None, *, varies: bool) -> int:
     return min(math.ceil(wanted / each) * each, scenario.frames)
 
 
-@dataclass(frozen=True)
-class Shards:
-    """A dataset of shards being made.
+def spans(scenario: Scenario, frames: int) -> list[range]:
+    """Frames of each shard, given their number; see `frames_of`."""
+    total = scenario.frames
+    return [range(first, min(first + frames, total)) for first in range(0, total, frames)]
 
-    Parameters
-    ----------
-    store : Store
-    scenario : Scenario
-    frames : int
-        Frames of each shard; see `frames_of`.
-    """
 
-    store: Store
-    scenario: Scenario
-    frames: int
+def check_claimed(journal: Journal, scenario: Scenario) -> None:
+    """Refuse a place that has lost its claim, for example because the file system is no longer mounted."""
+    claimed, place = journal.known(UNFINISHED), journal.store.place
+    if claimed is None:
+        raise DatasetError(f"{place} was removed or finished by another process; it has no {UNFINISHED}")
+    if claimed.get("digest") != scenario.digest():
+        raise DatasetError(f"{place} is being written by another process, from another scenario")
 
-    @property
-    def spans(self) -> list[range]:
-        """Frames of the shards."""
-        total = self.scenario.frames
-        return [range(first, min(first + self.frames, total)) for first in range(0, total, self.frames)]
 
-    @property
-    def journal(self) -> Journal:
-        """The dataset's identity, and whether it is finished. `done` finds the finished shards."""
-        return Journal(self.store, partial="", claim=UNFINISHED, whole=MANIFEST)
-
-    def check_claimed(self) -> None:
-        """Refuse a place that has lost its claim, for example because the file system is no longer mounted."""
-        claimed = self.journal.known(UNFINISHED)
-        if claimed is None:
-            raise DatasetError(f"{self.store.place} was removed or finished by another process; it has no {UNFINISHED}")
-        if claimed.get("digest") != self.scenario.digest():
-            raise DatasetError(f"{self.store.place} is being written by another process, from another scenario")
-
-    def done(self) -> Iterator[Done]:
-        """Find the complete shards: their labels can be read, and their archives exist."""
-        sizes = self.store.sizes("shards")
-        there = self.store.sizes("labels")
-        for number in range(len(self.spans)):
-            name = shards.table(number)
-            if name not in there:
-                continue
-            data = self.store.read(name, most_bytes=parquet.MOST_BYTES)
-            try:
-                found = shards.parse_shard(data, f"{self.store.place}: {name}")
-                about = _about(found.schema, f"{self.store.place}: {name}")
-            except DatasetError:  # damaged: it is made again
-                continue
-            if about.digest != self.scenario.digest():
-                raise DatasetError(f"{self.store.place}: {name} is of another dataset; choose another --out")
-            if all(sizes.get(key) == size for key, (size, _) in about.archives.items()):
-                tally = Tally.of(found.rows, self.scenario)
-                yield Done(number, hashlib.sha256(data).hexdigest(), about.rendered_by, tally)
-
-    def write(self, frames: range, made: Iterable[Packed], rendered_by: Fingerprint) -> Done:
-        """Write the shard of these frames as they are made."""
-        self.check_claimed()
-        return write(self.store, frames.start // self.frames, made, self.scenario, rendered_by)
-
-    def finish(
-        self, core: dict[str, Any], done: dict[int, Done], rendered_by: Fingerprint, written: Sequence[str]
-    ) -> None:
-        """Write the files that depend on all shards, and list the other ``written`` files; the manifest comes last."""
-        self.check_claimed()
-        there = self.store.sizes("labels")
-        for number in range(len(self.spans)):
-            if shards.table(number) not in there:
-                raise DatasetError(f"{self.store.place}: {shards.table(number)} is gone; run it again with --resume")
-        digests = {name: self.store.sha256(name) for name in written}
-        known = [done[number] for number in range(len(self.spans))]
-        finish(self.store, core, self.frames, known, self.scenario, rendered_by, digests)
-        self.journal.close()
+def complete(store: Store, scenario: Scenario, count: int) -> Iterator[Done]:
+    """Find the complete ones of so many shards: their labels can be read, and their archives exist."""
+    sizes = store.sizes("shards")
+    there = store.sizes("labels")
+    for number in range(count):
+        name = shards.table(number)
+        if name not in there:
+            continue
+        data = store.read(name, most_bytes=parquet.MOST_BYTES)
+        try:
+            found = shards.parse_shard(data, f"{store.place}: {name}")
+            about = _about(found.schema, f"{store.place}: {name}")
+        except DatasetError:  # damaged: it is made again
+            continue
+        if about.digest != scenario.digest():
+            raise DatasetError(f"{store.place}: {name} is of another dataset; choose another --out")
+        if all(sizes.get(key) == size for key, (size, _) in about.archives.items()):
+            tally = Tally.of(found.rows, scenario)
+            yield Done(number, hashlib.sha256(data).hexdigest(), about.rendered_by, tally)
 
 
 class Packed(NamedTuple):
@@ -186,7 +146,8 @@ def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenari
             if name not in writers:
                 writers[name] = _Archive(stack.enter_context(store.writing(name)))
                 stack.callback(writers[name].abandon)
-            writers[name].add(f"{row.frame:06d}.json", _described(row, mask))
+            about = {"truth": row, "labelled": mask is not None, "mask": mask}
+            writers[name].add(f"{row.frame:06d}.json", msgspec.json.encode(about))
             for file, data in files.items():
                 spot = writers[name].add(_member(file), data)
                 if file == row.file:
@@ -260,11 +221,6 @@ def _member(file: str) -> str:
     folder, _, stem = file.partition("/")
     name = stem.rpartition("/")[2]
     return name if folder == "images" else name.replace(".", f".{folder}.", 1)
-
-
-def _described(row: Row, mask: dict[str, Any] | None) -> bytes:
-    """Describe a frame in JSON, beside its picture in the archive."""
-    return msgspec.json.encode({"truth": row, "labelled": mask is not None, "mask": mask})
 
 
 def _labels(rows: list[tuple[Row, Place]], about: ShardMetadata) -> bytes:

@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
 from simgrab.dataset.record import FrameRecord, StoredFrame
@@ -38,7 +37,8 @@ def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
     if frame.full and image.ids:
         files[f"ids/{stem}.png"] = encode(frame.full.ids, "png")
     if frame.full and image.depth:
-        files[f"depth/{stem}.png"] = encode(_millimetres(frame.full), "png")
+        millimetres = np.minimum(frame.full.depth * DEPTH_MM, 65535).round().astype(np.uint16)
+        files[f"depth/{stem}.png"] = encode(millimetres, "png")
     digest = hashlib.sha256(files[name]).hexdigest()
     row = Row(**msgspec.structs.asdict(frame.truth), split=part, file=name, image_sha256=digest)
     fingerprint = generator.scene(number).renderer.fingerprint
@@ -55,10 +55,6 @@ def split(recipe: Recipe, frame: int) -> str:
     unit = frame if independent else scenario.slowest_draw(scenario.clip.of(frame))
     share = stream(scenario.seed, unit, "split").random()
     return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"
-
-
-def _millimetres(view: View) -> NDArray[np.uint16]:
-    return np.minimum(view.depth * DEPTH_MM, 65535).round().astype(np.uint16)
 
 
 def run_length_mask(grab: View, truth: Truth) -> dict[str, Any]:

@@ -155,7 +155,8 @@ def scene_of(appearance: Appearance, *, night: bool = False) -> tuple[Scenario, 
         optics["defocus_px"] = _rounded(min(appearance.blur.value, MOST_BLUR_PX))
     if appearance.grey:
         optics["night_mode"] = "on"
-    optics |= _sharpening(appearance)
+    if amount := appearance.sharpness.amount:
+        optics["sharpening"] = {"amount": _rounded(amount), "radius_px": appearance.sharpness.radius_px}
     data: dict[str, Any] = {
         "camera": {
             "width_px": width,
@@ -297,12 +298,6 @@ def _sensor(seen: Appearance, gain: float) -> dict[str, Any]:
             "read_noise_e": _rounded(min(read_noise * well / gain, 1000.0)),
         }
     }
-
-
-def _sharpening(seen: Appearance) -> dict[str, Any]:
-    """Give the sharpening that was measured."""
-    amount, radius = seen.sharpness.amount, seen.sharpness.radius_px
-    return {"sharpening": {"amount": _rounded(amount), "radius_px": radius}} if amount else {}
 
 
 def _exposure(data: dict[str, Any], seen: Appearance) -> tuple[float, list[float]]:

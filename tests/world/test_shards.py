@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 
 import simgrab
-from simgrab.dataset import datasets
-from simgrab.dataset import shard_reader as shards
+from simgrab.dataset import datasets, shard_reader, shards
 from simgrab.dataset.export import export
 from simgrab.dataset.render import render
-from simgrab.dataset.shards import Shards, frames_of
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.io import stores
 from simgrab.io.journal import Journal
@@ -151,11 +149,10 @@ def test_a_place_that_vanishes_gets_no_manifest(scene, tmp_path, monkeypatch):
 @pytest.mark.parametrize(("wanted", "expected"), [(None, 256), (1, 8), (8, 8), (9, 16)])
 def test_worlds_that_vary_stay_whole(wanted, expected):
     scene = simgrab.load("training", {"frames": 2000})
-    assert frames_of(scene, wanted, varies=True) == expected
-    assert frames_of(scene, 2**60, varies=True) == 2000
-    output = Shards(stores.Store("memory://x"), simgrab.load("training", {"frames": 20}), 8)
-    assert output.spans == [range(8), range(8, 16), range(16, 20)]
-    assert frames_of(scene, wanted, varies=False) == (wanted or 256)
+    assert shards.frames_of(scene, wanted, varies=True) == expected
+    assert shards.frames_of(scene, 2**60, varies=True) == 2000
+    assert shards.spans(simgrab.load("training", {"frames": 20}), 8) == [range(8), range(8, 16), range(16, 20)]
+    assert shards.frames_of(scene, wanted, varies=False) == (wanted or 256)
 
 
 def test_a_place_that_holds_something_else_is_refused(scene, tmp_path):
@@ -202,7 +199,7 @@ def damaged(whole, out, name, change):
 
 def test_damage_is_seen(whole, tmp_path):
     frame = simgrab.open(whole)[0]
-    place = shards.parse_shard((whole / "labels/000000.parquet").read_bytes(), "").places[0]
+    place = shard_reader.parse_shard((whole / "labels/000000.parquet").read_bytes(), "").places[0]
     flipped = bytes([frame.content[100] ^ 1])
 
     def flip(data):
@@ -233,7 +230,7 @@ def test_a_manifest_is_not_read_beyond_its_limit(whole, monkeypatch):
 def test_a_place_outside_of_the_dataset_is_refused():
     for shard in ("../secret.tar", "shards/train-000000.tar/../../x", "/etc/passwd", "shards/dev-000000.tar"):
         with pytest.raises(msgspec.ValidationError):
-            msgspec.convert({"shard": shard, "offset": 0, "size": 1, "mask": None}, shards.Place)
+            msgspec.convert({"shard": shard, "offset": 0, "size": 1, "mask": None}, shard_reader.Place)
 
 
 def test_an_s3_store_gets_the_same_bytes_from_any_number_of_workers(scene, whole, server):
@@ -362,12 +359,12 @@ def test_damaged_labels_are_made_again(scene, whole, tmp_path):
 def test_shards_of_two_renderers_are_never_finished(scene, whole, tmp_path, monkeypatch):
     out = damaged(whole, tmp_path / "set", "", bytes)
     (out / "labels/000001.parquet").unlink()
-    write = Shards.write
+    write = shards.write
 
-    def elsewhere(self, frames, made, rendered_by):
-        return write(self, frames, made, dataclasses.replace(rendered_by, renderer="another"))
+    def elsewhere(store, number, made, scenario, rendered_by):
+        return write(store, number, made, scenario, dataclasses.replace(rendered_by, renderer="another"))
 
-    monkeypatch.setattr(Shards, "write", elsewhere)
+    monkeypatch.setattr(shards, "write", elsewhere)
     for _ in range(2):
         with pytest.raises(DatasetError, match="was started with"):
             render(scene, out.as_uri(), shard_frames=4, resume=True)

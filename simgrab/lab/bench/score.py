@@ -115,7 +115,8 @@ def recall(answers: Answers, target: ClipTruth) -> float:
 
 def _score(entry: Entry, targets: Sequence[ClipTruth], *, sanity: bool) -> EntryScore:
     pairs = [(entry.clips[target.clip], target) for target in targets]
-    samples = _resampled(len(targets))
+    # Clips of each replication of the bootstrap, (`REPLICATIONS`, clips): the same for all entries.
+    samples = np.random.default_rng(SEED).integers(len(targets), size=(REPLICATIONS, len(targets)))
     recalls = np.array([recall(*pair) for pair in pairs])
 
     def over(statistic: Callable[[Array], Any], of: Callable[[Answers, ClipTruth], Array]) -> IntervalEstimate:
@@ -176,11 +177,6 @@ def _alarms(pairs: Sequence[tuple[Answers, ClipTruth]]) -> dict[str, IntervalEst
         "alarms_false": IntervalEstimate(float(false)),
         "alarm_delay_frames": IntervalEstimate(float(np.median(delays)) if delays else None),
     }
-
-
-def _resampled(clips: int) -> Any:
-    """Clips of each replication of the bootstrap, shape (`REPLICATIONS`, clips): the same for all entries."""
-    return np.random.default_rng(SEED).integers(clips, size=(REPLICATIONS, clips))
 
 
 def _figure(value: float, resampled: Sequence[float] | Array) -> IntervalEstimate:

@@ -258,7 +258,8 @@ def run(
         for name in here.map(functools.partial(_finish, folder), unfinished, name=lambda study: study.name):
             journals[name].finish(identities[name])
         findings = [read(folder / study.name, study) for study in studies]
-        page.write(findings, folder / REPORT, functools.partial(here.map, name=_figured))
+        figured = functools.partial(here.map, name=lambda finding: f"figures of {finding.summary.study.name}")
+        page.write(findings, folder / REPORT, figured)
     return findings
 
 
@@ -270,10 +271,6 @@ def journal(study: Study, out: Path) -> Journal:
 def _named(job: tuple[Study, ReplicationBatch]) -> str:
     study, part = job
     return f"{study.name}, point {part.point + 1}, replications {part.first} to {part.last - 1}"
-
-
-def _figured(finding: StudyResult) -> str:
-    return f"figures of {finding.summary.study.name}"
 
 
 def _identity(study: Study) -> dict[str, Any]:

@@ -132,7 +132,8 @@ class Browser:
         """Give everything that is known of a row, in the order of the columns."""
         row = _number(request.path_params["row"], len(self.subject))
         plain = self.subject.values(row)
-        values = [_shown(plain[column.name]) for column in self.subject.columns]
+        shown = (plain[column.name] for column in self.subject.columns)
+        values = [printable(value) if isinstance(value, str) else value for value in shown]
         return json({"overlay": self._overlay(row, masks=True, width_px=1920), "values": values})
 
     def tile(self, request: Request) -> Response:
@@ -172,7 +173,3 @@ def _selected(text: str, count: int) -> NDArray[np.int64]:
     if len(data) != (count + 7) // 8:
         raise ValueError(f"{len(data)} bytes for {count} rows")
     return np.flatnonzero(np.unpackbits(np.frombuffer(data, np.uint8), count=count, bitorder="little")).astype(np.int64)
-
-
-def _shown(value: Any) -> Any:
-    return printable(value) if isinstance(value, str) else value

@@ -155,7 +155,10 @@ class Rendering:
         small = self._reduced(wish.scenario) if wish.small else wish.scenario
         self._build(side, wish)
         frame = self._frame(side, small, wish.frame)
-        content = _encoded(frame, "jpeg", _PREVIEW_QUALITY) if wish.small else self._stored_of(side, wish, frame)
+        if wish.small:
+            content = pictures.encode(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), "jpeg", _PREVIEW_QUALITY)
+        else:
+            content = self._stored_of(side, wish, frame)
         milliseconds = (time.perf_counter() - begun) * 1000
         about = _about(wish, frame) | {"small": wish.small, "milliseconds": round(milliseconds, 1)}
         return Picture(about, content, f"image/{'jpeg' if wish.small else wish.scenario.image.format}")
@@ -190,10 +193,6 @@ def reduced(scenario: Scenario) -> Scenario:
         return resized(plain, round(width * scale), round(height * scale))
     except ScenarioError:
         return plain
-
-
-def _encoded(frame: Frame, kind: str, quality: int) -> bytes:
-    return pictures.encode(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), kind, quality)
 
 
 def _about(wish: Wish, frame: Frame) -> dict[str, Any]:

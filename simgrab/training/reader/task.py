@@ -42,7 +42,8 @@ class Digits:
     def __init__(self, train: Cells, val: Cells, seed: int) -> None:
         self._cells = train
         self._order = _balanced(train.digits)
-        self._first, self._last = _spans(train.frames)
+        # First and last-plus-one index of the cells of each cell's picture.
+        self._first, self._last = (np.searchsorted(train.frames, train.frames, end) for end in ("left", "right"))
         self.crops, self.digits = validation(val, seed)
         self.weather = np.tile(np.array(val.weather)[val.frames], 1 + ROUNDS)
 
@@ -128,8 +129,3 @@ def _balanced(digits: NDArray[np.int64]) -> NDArray[np.int64]:
     none = np.flatnonzero(digits == NO_DIGIT)
     spread = np.linspace(0, len(none) - 1, min(len(none), 2 * most)).astype(np.int64)
     return np.concatenate([*(np.resize(members, most) for members in by_class), none[spread]])
-
-
-def _spans(frames: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last-plus-one index of the cells of each cell's picture."""
-    return np.searchsorted(frames, frames, "left"), np.searchsorted(frames, frames, "right")
