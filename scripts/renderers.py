@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from trimesh.geometry import align_vectors
 
 from scripts.bench_results import Quantity
 from scripts.foreign.export import export
@@ -185,7 +186,9 @@ def _render_by_pyrender(scene: dict[str, NDArray[Any]], variant: int) -> None:
         world = pyrender.Scene(bg_color=(0.0, 0.0, 0.0, 1.0), ambient_light=scene["ambient"])
         nodes = [world.add_node(node) or node for node in _nodes(scene)]
         for direction, colour in zip(scene["light_directions"], scene["light_colours"], strict=True):
-            world.add(pyrender.DirectionalLight(color=colour, intensity=np.pi), pose=_looking_along(direction))
+            world.add(
+                pyrender.DirectionalLight(color=colour, intensity=np.pi), pose=align_vectors((0, 0, -1), direction)
+            )
         _made.update(
             variant=variant, world=world, nodes=nodes, camera=world.add(Pinhole()),
             renderer=pyrender.OffscreenRenderer(int(width), int(height)),
@@ -218,16 +221,6 @@ def _nodes(scene: dict[str, NDArray[Any]]) -> Iterator[Any]:
             material=material, mode=4,
         )  # fmt: skip
         yield pyrender.Node(mesh=pyrender.Mesh([primitive]), matrix=pose)
-
-
-def _looking_along(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pose whose −z axis is a direction."""
-    z = -direction / np.linalg.norm(direction)
-    x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
-    x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
-    return pose
 
 
 def _traced(generator: FrameGenerator, folder: Path, blender: Blender, frame: int) -> Timed:
