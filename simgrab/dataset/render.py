@@ -17,7 +17,7 @@ from simgrab.dataset.record import StoredFrame
 from simgrab.dataset.shard_reader import table
 from simgrab.dataset.shards import Done, Packed
 from simgrab.dataset.summary import Summary, Tally, TallyColumns
-from simgrab.dataset.video.render import Clips, ClipWork, files_of
+from simgrab.dataset.video.render import Clips, ClipWork
 from simgrab.errors import DatasetError
 from simgrab.io import pictures
 from simgrab.io.journal import Journal
@@ -110,7 +110,7 @@ def render(
         )
     if shard_frames is not None and not is_url(out):
         raise DatasetError(f"{out} is a folder; shards need a URL such as {Path(out).absolute().as_uri()}")
-    videos = Clips(files_of(recipe, video)) if video is not None else None
+    videos = Clips(recipe, video) if video is not None else None
     output: _Folder | _Shards
     output = _Shards(recipe, str(out), shard_frames) if is_url(out) else _Folder(recipe, Path(out), videos, cluster)
     made = pool.fill(

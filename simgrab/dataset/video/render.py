@@ -79,22 +79,18 @@ def render_video(
     if resume:
         recipe.extensions.refuse_unknown()
     pool.check(recipe, workers)
-    clips = Clips(files_of(recipe, path))
+    clips = Clips(recipe, path)
     pool.fill(clips, recipe, workers=workers, resume=resume, progress=progress, checking=checking)
     return clips.videos.summary(len(clips.remaining))
-
-
-def files_of(recipe: Recipe, path: str | Path) -> VideoFiles:
-    """Name the videos of a recipe."""
-    return VideoFiles(recipe.scenario, identity(recipe.scenario, recipe.extensions.describe()), Path(path))
 
 
 class Clips:
     """Videos as an output of `pool.fill`, whose units are clips."""
 
-    def __init__(self, videos: VideoFiles) -> None:
-        self.videos, self.remaining = videos, list[int]()
-        self.work = ClipWork(videos, None)
+    def __init__(self, recipe: Recipe, path: str | Path) -> None:
+        core = identity(recipe.scenario, recipe.extensions.describe())
+        self.videos, self.remaining = VideoFiles(recipe.scenario, core, Path(path)), list[int]()
+        self.work = ClipWork(self.videos, None)
 
     @property
     def begun(self) -> bool:  # noqa: D102

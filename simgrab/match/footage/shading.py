@@ -9,7 +9,6 @@ of what gets brighter would look uneven, and vignetting would be found too small
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -68,15 +67,16 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
     falloff /= math.log1p((width**2 + height**2) / 4 / (FOCAL_PER_WIDTH * width) ** 2)
     log = np.log2(np.maximum(light, 1e-6))
     sector = np.floor((np.arctan2(y, x) / (2 * math.pi) + 0.5) * SECTORS).astype(int) % SECTORS
-    value, pairs = 0.0, _pairs(log, falloff, good, sector)
+    value, (change, step, at) = 0.0, _pairs(log, falloff, good, sector)
     for _ in range(_ROUNDS):
-        if not len(pairs.step):
+        if not len(step):
             break
-        before, value = value, float(np.clip(-_slope(pairs.change, pairs.step), *_RANGE))
+        before, value = value, float(np.clip(-_slope(change, step), *_RANGE))
         if abs(value - before) < _CLOSE:
             break
-        pairs = _pairs(log, falloff, good, sector, value)
-    found = np.array([-_slope(*part) for part in pairs.by_sector()])
+        change, step, at = _pairs(log, falloff, good, sector, value)
+    parts = (at == i for i in range(SECTORS))
+    found = np.array([-_slope(change[part], step[part]) for part in parts if part.sum() >= LEAST_PAIRS])
     if len(found) < SECTORS // 2:
         return unknown("too little of the picture shows even surfaces that stand still", "stops")
     spread = 1.4826 * float(np.median(np.abs(found - np.median(found))))
@@ -88,31 +88,19 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
     return Quantity(value, max(value - reach, 0.0), value + reach, unit="stops")
 
 
-@dataclass(frozen=True, eq=False)
-class _Pairs:
-    """Pairs of cells with even surface between them, shape (n,).
-
-    Attributes
-    ----------
-    change, step : ndarray
-        By how much the logarithm of light to base 2, and the falloff per stop, change from one cell to the other.
-    sector : ndarray of int
-    """
-
-    change: Floats
-    step: Floats
-    sector: NDArray[np.int64]
-
-    def by_sector(self) -> list[tuple[Floats, Floats]]:
-        """Give changes and steps of each sector that has enough of them."""
-        parts = [self.sector == i for i in range(SECTORS)]
-        return [(self.change[part], self.step[part]) for part in parts if part.sum() >= LEAST_PAIRS]
-
-
 def _pairs(
     log: Floats, falloff: Floats, good: NDArray[np.bool_], sector: NDArray[np.int64], stops: float = 0.0
-) -> _Pairs:
-    """Find pairs of cells along rows and columns; ``stops`` is the vignetting by which evenness is judged."""
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Find pairs of cells along rows and columns with even surface between them.
+
+    ``stops`` is the vignetting by which evenness is judged.
+
+    Returns
+    -------
+    change, step : ndarray, shape (n,)
+        By how much the logarithm of light to base 2, and the falloff per stop, change from one cell to the other.
+    sector : ndarray of int, shape (n,)
+    """
     flat, parts = log + stops * falloff, list[tuple[NDArray[Any], ...]]()
     for values in ((flat, log, falloff, good, sector), (flat.T, log.T, falloff.T, good.T, sector.T)):
         level, light, fall, fit, where = values
@@ -121,7 +109,8 @@ def _pairs(
         change, step = light[APART:] - light[:-APART], fall[APART:] - fall[:-APART]
         even &= np.abs(step) > 1e-4 * APART
         parts.append((change[even], step[even], where[APART // 2 : -(APART - APART // 2)][even]))
-    return _Pairs(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    change, step, where = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return change, step, where
 
 
 def _slope(change: Floats, step: Floats) -> float:

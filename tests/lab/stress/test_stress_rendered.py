@@ -173,10 +173,6 @@ BAD = {
     "no display": ({"given": TINY | {"display.layout": "none"}}, ("rope-aware", "display.layout")),
     "no times": ({"estimators": ["pendulum-smoother"]}, ("pendulum-smoother", "independent")),
     "no count": ({"axes": [{"axis": "n", "values": [10.5]}]}, ("frames", "must be a whole number")),
-    "weather without pictures": (
-        {"depth": "geometric", "given": {}, "axes": [{"axis": "base", "values": ["fog"]}]},
-        ("base", "lean-along", "camera.beta_deg"),
-    ),
 }
 
 
