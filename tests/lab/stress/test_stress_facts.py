@@ -28,11 +28,3 @@ def test_a_lean_across_the_tilt_turns_the_vertical_by_as_much():
     summary = summed(small("lean-across", (2.0,), replications=30, estimators=("mean-ray",)))
     assert summary.at((2.0,), "mean-ray", "tilt_error_deg").mean == pytest.approx(2.0, abs=0.05)
     assert abs(summary.at((2.0,), "mean-ray", "beta_error_deg").mean) < 0.5
-
-
-def test_rope_aware_repairs_the_offset_which_the_others_take_for_tilt():
-    summary = summed(small("offset-along", (1.0,), replications=30))
-    assert summary.at((1.0,), "mean-ray", "beta_error_deg").mean > 3
-    assert summary.at((1.0,), "rope-aware", "beta_error_deg").z < 3
-    assert summary.at((1.0,), "rope-aware", "miss").mean == 0
-    assert summary.at((1.0,), "mean-ray", "miss").mean > 0.02
