@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -19,11 +18,9 @@ _QUALITY = 82
 _LARGE_BYTES = 100_000
 _AT_ONCE = max(1, min(4, os.cpu_count() or 1))  # pictures that are decoded at the same time
 
-Key = TypeVar("Key", bound=Hashable)
 
-
-class LruCache(Generic[Key]):
-    """Bytes by key, those used last, of a limited size together.
+class LruCache:
+    """Bytes by row, those used last, of a limited size together.
 
     Parameters
     ----------
@@ -32,30 +29,22 @@ class LruCache(Generic[Key]):
 
     def __init__(self, most_bytes: int = MOST_KEPT_BYTES) -> None:
         self._most, self.size_bytes = most_bytes, 0
-        self._kept, self._lock = OrderedDict[Key, bytes](), threading.Lock()
+        self._kept, self._lock = OrderedDict[int, bytes](), threading.Lock()
 
-    def get(self, key: Key) -> bytes | None:
-        """Give what is kept under a key."""
+    def get(self, row: int) -> bytes | None:
+        """Give what is kept of a row."""
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-            return self._kept.get(key)
+            if row in self._kept:
+                self._kept.move_to_end(row)
+            return self._kept.get(row)
 
-    def put(self, key: Key, data: bytes) -> None:
+    def put(self, row: int, data: bytes) -> None:
         """Keep something, in place of what was used least recently."""
         with self._lock:
-            self.size_bytes += len(data) - len(self._kept.pop(key, b""))
-            self._kept[key] = data
+            self.size_bytes += len(data) - len(self._kept.pop(row, b""))
+            self._kept[row] = data
             while self.size_bytes > self._most:
                 self.size_bytes -= len(self._kept.popitem(last=False)[1])
-
-    def or_made(self, key: Key, make: Callable[[], bytes]) -> bytes:
-        """Give what is kept under a key, or make and keep it."""
-        found = self.get(key)
-        if found is None:
-            found = make()
-            self.put(key, found)
-        return found
 
 
 class Tiles:
@@ -68,7 +57,7 @@ class Tiles:
     """
 
     def __init__(self, content: Callable[[int], bytes]) -> None:
-        self._content, self._kept = content, LruCache[int]()
+        self._content, self._kept = content, LruCache()
         self._turn = threading.BoundedSemaphore(_AT_ONCE)
 
     def tile(self, row: int) -> bytes:
@@ -79,7 +68,11 @@ class Tiles:
         SimgrabError
             If it cannot be read.
         """
-        return self._kept.or_made(row, lambda: self._made(row))
+        found = self._kept.get(row)
+        if found is None:
+            found = self._made(row)
+            self._kept.put(row, found)
+        return found
 
     def _made(self, row: int) -> bytes:
         with self._turn:

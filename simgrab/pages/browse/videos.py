@@ -38,7 +38,7 @@ class VideoPictures:
         # A video without time stamps has the rate by which it was measured.
         self._video, self._times = Video(path, (len(times_s) - 1) / lasting if lasting > 0 else None), times_s
         self._row_at = {round(time / _SAME_S): row for row, time in enumerate(times_s)}
-        self._kept, self._turn = LruCache[int](), threading.Lock()
+        self._kept, self._turn = LruCache(), threading.Lock()
 
     def content(self, row: int) -> bytes:
         """Decode a row's picture, as JPEG.
