@@ -9,7 +9,16 @@ import click
 from simgrab.cli._scene import load_scene, scene_options
 
 
-@click.group(name="scenes", invoke_without_command=True)
+class _Scenes(click.Group):
+    """Takes the name of a scene for `show` of it."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        return super().resolve_command(ctx, args if args[0] in self.commands else ["show", *args])
+
+
+@click.group(name="scenes", cls=_Scenes, invoke_without_command=True)
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 @click.pass_context
 def command(ctx: click.Context, as_json: bool) -> None:

@@ -196,7 +196,7 @@ def camera_of(appearance: Appearance) -> str:
     """Write the camera TOML for `simgrab run`, in which everything but size and display is assumed."""
     (width, height), display = appearance.footage.size, appearance.display
     constant = ("display_constant_m",) if display.layout else ()
-    assumed = ("focal_length_px", "cx_px", "cy_px", "k1", "offset_m", *constant)
+    assumed = ("focal_length_px", "cx_px", "cy_px", "k1", "offset_m", "roll_deg", *constant)
     camera = Calibration(
         width, height, _focal_length_px(width, height), width / 2, height / 2, digit_layout=display.layout,
         assumed=assumed,
@@ -204,6 +204,7 @@ def camera_of(appearance: Appearance) -> str:
     notes = {
         "focal_length_px": "not determined by footage: the paper's camera's; 1 % more makes every angle 1 % smaller",
         "cx_px, cy_px, k1 …": "not determined by footage: the middle of the picture, and no distortion",
+        "roll_deg": "not determined by footage: how far the camera is turned about its axis",
         "offset_m": "not determined by footage: camera minus rope exit, outboard, left and up; 0 is at the rope exit",
         "its signs": "ropes leave the picture on the right where the second number is above 0, on the left where it is "
         "below; at the bottom where the first is above 0, at the top where it is below",

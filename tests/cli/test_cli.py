@@ -316,6 +316,7 @@ def test_scenes_lists_shows_and_describes():
         assert f"{name} " in out
     assert set(json.loads(run("scenes", "--json")[1])) == set(scenes.names())
     assert "beta_deg = 5.0" in run("scenes", "show", "--beta", 5)[1]
+    assert run("scenes", "calm-day")[1] == run("scenes", "show", "calm-day")[1]
     assert json.loads(run("scenes", "show", "--json")[1])["camera"]["beta_deg"] == 3.0
     assert "$defs" in json.loads(run("scenes", "schema")[1])
 

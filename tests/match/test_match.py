@@ -279,7 +279,7 @@ def test_a_camera_file_for_run_names_what_footage_does_not_determine(tmp_path):
         file.write_text(matching.camera_of(replace(seen, display=shown_digits)))
         camera = calibration.load(file)
         assert (camera.width_px, camera.height_px, camera.digit_layout) == (*SIZE, shown_digits.layout)
-        assert {*camera.assumed} == {"focal_length_px", "cx_px", "cy_px", "k1", "offset_m"} | constant
+        assert {*camera.assumed} == {"focal_length_px", "cx_px", "cy_px", "k1", "offset_m", "roll_deg"} | constant
         assert "focal_length_px: not determined by footage" in file.read_text()
         assert "on the right where the second number is above 0" in file.read_text()
     file.write_text(file.read_text().replace('"cx_px"', '"cx"'))

@@ -16,6 +16,7 @@ from simgrab.model.records.estimates import Estimate
 
 STATED = "as stated"
 CHECKS = "are slew (unit, clockwise), radius or luff, offset_m, the rope's length and time.start right?"
+COARSE_M = 0.02  # standard deviation of O's place by a reading: beyond it, right data too may not follow
 # Beside the reported motion a fit to right data needs, in winds up to 14 m/s, a tenth of this white acceleration,
 # m²/s³, and two thirds of this slow forcing, rad; the camera's share of apparent gravity is within 0.05 of 0 to 1.
 MOST_FORCING, MOST_LEAN, SHARES = 3e-4, 3e-3, (-0.2, 1.2)
@@ -60,7 +61,7 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
     if follows(found) or not (found.ok or found.reason == NOT_CONVERGED):
         return ""
     if not estimator.wander_px:
-        return "" if found.ok else CHECKS
+        return "" if found.ok else _checks(estimator.controller)
     some, nearby = _stretch(record, estimator.controller)
     costs = {}
     for text, one in _mistakes(nearby):
@@ -72,8 +73,17 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
     if first != STATED and costs[first] < costs[others[0]] - CLEARLY:
         return f"{said}: {first}"
     if not found.ok:
-        return CHECKS
-    return "" if FARTHER_M[0] < found.diagnostics["longer_m"] < FARTHER_M[1] else f"{said}: {CHECKS}"
+        return _checks(estimator.controller)
+    within = FARTHER_M[0] < found.diagnostics["longer_m"] < FARTHER_M[1]
+    return "" if within else f"{said}: {_checks(estimator.controller)}"
+
+
+def _checks(controller: Controller) -> str:
+    """Say what to check of a controller's description, and that its readings are coarse where they are."""
+    radius_m = RADIUS_M if controller.radius is None else float(np.nanmean(controller.radius))
+    off_m = max(controller.slew_sd * radius_m, controller.radius_sd)
+    coarse = f" Its readings are {100 * off_m:.0f} cm off each: finer ones may follow."
+    return f"{CHECKS}{coarse if off_m > COARSE_M else ''}"
 
 
 def follows(found: Estimate) -> bool:

@@ -27,6 +27,7 @@ _TEXTS = {
     "focal_length_px": "focal length {0.focal_length_px:g} px (1 % more makes every angle 1 % smaller)",
     "cx_px": "principal point ({0.cx_px:g}, {0.cy_px:g}) px",
     "k1": "no lens distortion",
+    "roll_deg": "roll {0.roll_deg:g} deg",
     "display_constant_m": "display constant {0.display_constant_m:g} m",
 }
 
