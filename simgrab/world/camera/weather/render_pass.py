@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array, Intrinsics, Pose
 
-_ROWS = 8  # at a time, in double precision: the processor's cache holds them
-
 Picture = NDArray[np.float32]
 Vector = tuple[float, float, float]
 
@@ -77,13 +75,5 @@ class RayMaps:
 @lru_cache(maxsize=2)
 def ray_maps(intrinsics: Intrinsics) -> RayMaps:
     """Compute the rays of a camera, once."""
-    centres = intrinsics.normalised_centres()
-    maps = [np.empty(centres.shape[:2], np.float32) for _ in range(3)]
-
-    for first in range(0, len(centres), _ROWS):
-        rows = slice(first, first + _ROWS)
-        x, y = np.moveaxis(centres[rows], -1, 0)
-        length = np.sqrt(x * x + y * y + 1)
-        z = 1 / length
-        maps[0][rows], maps[1][rows], maps[2][rows] = x / length / z, y / length / z, 1 / z
-    return RayMaps(*maps)
+    x, y = np.moveaxis(intrinsics.normalised_centres(), -1, 0)
+    return RayMaps(*(part.astype(np.float32) for part in (x, y, np.sqrt(x * x + y * y + 1))))
