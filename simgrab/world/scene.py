@@ -103,12 +103,11 @@ class Scene:
         view = whole if stored or (self.camera.wants_view and not renderer.has_lens) else None
         if view is None and self.camera.wants_view:
             view = renderer.coarse_view(moment)  # without a lens the same as the whole view
-        still = renderer.still_view(moment) if self.camera.wants_view and not (stored and renderer.has_lens) else None
         visibility = NONE_VISIBLE
         if labelled:
             visibility = observe(renderer, projection, None if renderer.has_lens and not stored else view)
         rgb = exposed_rgb(self.scenario, renderer, projection.nominal)
-        return Buffers(projection, rgb, visibility, whole, view, still)
+        return Buffers(projection, rgb, visibility, whole, view)
 
     def develop(self, buffers: Buffers) -> Developed:
         """Make the picture from a frame's buffers.

@@ -64,8 +64,6 @@ class Buffers:
         Ids and depth of the whole picture, as finely as labels need them, where they are wanted.
     view : View or None
         Ids and depth of the whole picture, where weather or lamps need them; a lens may move edges by half a pixel.
-    still : View or None
-        The same of what stands still alone, while camera and crane do: one object for all frames of a world.
     """
 
     projection: Projection
@@ -73,7 +71,6 @@ class Buffers:
     visibility: Visibility
     full: View | None
     view: View | None
-    still: View | None = None
 
 
 def observe(renderer: Renderer, projection: Projection, full: View | None = None) -> Visibility:

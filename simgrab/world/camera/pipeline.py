@@ -19,9 +19,9 @@ from simgrab.world.camera import faces, lamps, shutter, weather
 from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.optics import Exposure, Light, Picture, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.camera.renderer import Renderer, View
+from simgrab.world.camera.renderer import Renderer
 from simgrab.world.camera.row_blocks import each_block
-from simgrab.world.camera.weather import Lamp, RenderPass, Still, Weathered
+from simgrab.world.camera.weather import Lamp, RenderPass, Weathered
 from simgrab.world.scenery.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.trajectory.moment import Moment
 
@@ -57,7 +57,6 @@ class Camera:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._still: Still | None = None
         exposure = scenario.optics.exposure
         self.has_memory = isinstance(exposure, AutoExposure) and exposure.lag_s > 0
         """Whether the exposure of a frame that has a time depends on the frames before it in its clip."""
@@ -141,19 +140,10 @@ class Camera:
             water_m=-place.quay_height_m if isinstance(place, Water) else None,
         )  # fmt: skip
         return weather.apply(
-            scenario.weather, rendered, seed=scenario.seed, frame=frame, still=self._kept(buffers.still),
-            clip=scenario.clip.of(frame),
+            scenario.weather, rendered, seed=scenario.seed, frame=frame, clip=scenario.clip.of(frame),
             time_s=frame / scenario.clip.frame_rate_hz if moment.time is None else moment.time,
             wind_m_s=self._wind(moment), lamps=self._lamps(moment), cargo=scenario.grab.cargo,
         )  # fmt: skip
-
-    def _kept(self, still: View | None) -> Still | None:
-        """Keep what weather makes of what stands still, for as long as that is the same."""
-        if still is None:
-            return None
-        if self._still is None or self._still.depth is not still.depth:
-            self._still = Still(still.depth, still.ids)
-        return self._still
 
     def _wind(self, moment: Moment) -> tuple[float, float, float] | None:
         """Mean wind of the physics, jib frame; None lets the weather have its own."""

@@ -93,7 +93,6 @@ class _Aim:
     rest: Tilt
     target: Target | None = None
     still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
-    still_coarse: View | None = None
     backdrop: tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32] | None] | None = None
     photograph: int = -1
 
@@ -332,28 +331,8 @@ class Renderer:
 
     def coarse_view(self, moment: Moment) -> View:
         """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
-        still, lens = self.still_view(moment), self._aim.lens
         self._gather(moment)
-        if still is None or lens is None:
-            return self._view(moment, self.full, 1)
-        ids, depth, windows = self._draw_over()
-        bent, nearest = lens.map(self.full), cv2.INTER_NEAREST
-        return View(
-            self.full,
-            bent.resample_over(still.ids, ids, windows, nearest, NOTHING),
-            bent.resample_over(still.depth, depth, windows, nearest, FAR_M),
-        )
-
-    def still_view(self, moment: Moment) -> View | None:
-        """Coarse view of what stands still, always the same one; None while camera or crane does not."""
-        if not self._at_rest(moment):
-            return None
-        if self._aim.still_coarse is None:
-            self._gather(moment)
-            ids, depth = self._still_buffers()
-            lens = self._aim.lens.map(self.full) if self._aim.lens else None
-            self._aim.still_coarse = _bent(lens, self.full, ids[::-1], depth[::-1])
-        return self._aim.still_coarse
+        return self._view(moment, self.full, 1)
 
     def _view(self, moment: Moment, window: Window, finer: int) -> View:
         lens = self._aim.lens.map(window, finer, enlarged=False) if self._aim.lens else None
@@ -484,31 +463,24 @@ class Renderer:
             rgb[y0:y1, x0:x1] = part
         if bent is None:
             return rgb[::-1]
-        return bent.resample_over(seen, rgb[::-1], self._upright(windows), cv2.INTER_CUBIC)
+        height = len(rgb)
+        upright = [(x0, height - y1, x1, height - y0) for x0, y0, x1, y1 in windows]
+        return bent.resample_over(seen, rgb[::-1], upright, cv2.INTER_CUBIC)
 
     def _draw_whole(self, moment: Moment) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of the undistorted picture."""
-        if self._at_rest(moment):
-            return self._draw_over()[:2]
-        rect = self.aim(self._aim.drawn, self._scene)
-        ids, buffer = self._passes.identify(self._scene, rect, self._geoms)
-        return ids[::-1], _metres(buffer)[::-1]
-
-    def _draw_over(self) -> tuple[NDArray[np.uint8], NDArray[np.float32], list[Window]]:
-        """Ids and depth at rest, and the windows in which they may differ from those of what stands still."""
         scene, passes = self._scene, self._passes
-        (still_ids, still_depth), grid = self._still_buffers(), self._covered(self._moving_boxes())
+        if not self._at_rest(moment):
+            ids, buffer = passes.identify(scene, self.aim(self._aim.drawn, scene), self._geoms)
+            return ids[::-1], _metres(buffer)[::-1]
+        still_ids, still_depth = self._still_buffers()
         ids, depth = still_ids.copy(), still_depth.copy()
+        grid = self._covered(self._moving_boxes())
         rect, windows = self.aim(self._aim.drawn, scene), changes.windows(grid, *self._aim.size, changes.COPY_PX)
         moving = [geom for geom in self._geoms if geom.moves]
         for (x0, y0, x1, y1), own, buffer in passes.identify_over(scene, rect, moving, windows):
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
-        return ids[::-1], depth[::-1], self._upright(windows)
-
-    def _upright(self, windows: list[Window]) -> list[Window]:
-        """Windows of what is drawn, whose rows are counted from the bottom, with rows counted from the top."""
-        height = self._aim.size[1]
-        return [(x0, height - y1, x1, height - y0) for x0, y0, x1, y1 in windows]
+        return ids[::-1], depth[::-1]
 
     def _draw_tiles(
         self, window: Window, finer: int, draw: Callable[..., tuple[NDArray[Any], ...]]

@@ -21,8 +21,8 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-def each_block(height: int, work: Callable[[slice], None], rows: int = ROWS) -> None:
-    """Run work on every block of a picture's rows.
+def each_block(height: int, work: Callable[[slice], _Result], rows: int = ROWS) -> list[_Result]:
+    """Run work on every block of a picture's rows, and return its results in order.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def each_block(height: int, work: Callable[[slice], None], rows: int = ROWS) -> 
     rows : int
         Height of a block, px.
     """
-    threaded_map(work, (slice(y, min(y + rows, height)) for y in range(0, height, rows)))
+    return threaded_map(work, (slice(y, min(y + rows, height)) for y in range(0, height, rows)))
 
 
 def threaded_map(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:

@@ -27,7 +27,7 @@ def tile(seed: int, index: int, name: str, exponent: float) -> Picture:
     return np.pad(ranked(field), (0, 1), mode="wrap")
 
 
-def ranked(field: Array, within: float = 0.0) -> Picture:
+def ranked(field: Array | Picture, within: float = 0.0) -> Picture:
     """Ranks of a field's values, of its shape: that of the k-th least is (k + within) / size. Equal ones keep order."""
     ranks = np.empty(field.size, np.float32)
     ranks[np.argsort(field, axis=None, kind="stable")] = (np.arange(field.size) + within) / field.size
