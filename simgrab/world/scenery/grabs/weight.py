@@ -73,16 +73,17 @@ def weighed(
     """
     jaws = []
     for jaw, bodies in openings:
-        mass, centre, inertia = _together([(_spread(mesh, kg), pose) for mesh, kg, pose in bodies])
+        mass, centre, inertia = _together([(spread(mesh, kg), pose) for mesh, kg, pose in bodies])
         jaws.append((jaw, float(centre[2]), *(float(i) for i in np.diag(inertia))))
     loads = []
     for fill, heap in heaps.items():
-        solid = _spread(heap, 1.0)
+        solid = spread(heap, 1.0)
         loads.append((fill, float(solid.center_mass[2]), *(float(i) for i in np.diag(solid.moment_inertia))))
     return Weight(mass, cargo_kg if heaps else 0.0, jaws, loads)
 
 
-def _spread(mesh: trimesh.Trimesh, mass: float) -> trimesh.Trimesh:
+def spread(mesh: trimesh.Trimesh, mass: float) -> trimesh.Trimesh:
+    """Return a mesh over whose volume a mass, kg, is spread evenly."""
     solid = mesh.copy()
     solid.density = mass / solid.volume
     return solid

@@ -137,8 +137,9 @@ def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int = 8) -> trime
     return join(solids)
 
 
-def railing(points: Sequence[ArrayLike], *, height: float = 1.1, spacing: float = 1.5) -> trimesh.Trimesh:
-    """Handrail along a polyline of foot points: posts, a top rail and two middle rails, metres."""
+def railing(points: Sequence[ArrayLike], *, spacing: float) -> trimesh.Trimesh:
+    """Handrail, 1.1 m, along a polyline of foot points: posts, a top rail and two middle rails, metres."""
+    height = 1.1
     p = [np.asarray(q, float) for q in points]
     solids = []
     for a, b in pairwise(p):
