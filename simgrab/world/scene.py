@@ -13,7 +13,7 @@ from simgrab.world.camera.renderer import Renderer
 from simgrab.world.extensions import NO_EXTENSIONS, Extensions
 from simgrab.world.projection import Projection, project
 from simgrab.world.scenery import model
-from simgrab.world.scenery.plan import Plan, adapted, draw_up, replanned
+from simgrab.world.scenery.plan import Plan, draw_up, replanned
 from simgrab.world.trajectory.trajectory import Trajectory
 
 
@@ -73,9 +73,8 @@ class Scene:
         old, new = self.scenario, variant.scenario
         if not self.renderer.takes(new):
             return False
-        before, world = (self.world.plan, self.variant, variant), self.world
-        plan = adapted(*before)
-        world = replace(world, plan=plan) if plan else model.build(new, replanned(*before))
+        plan, world = replanned(self.world.plan, self.variant, variant), self.world
+        world = replace(world, plan=plan) if plan.bodies is world.plan.bodies else model.build(new, plan)
         camera, trajectory = Camera(new), Trajectory(new, extensions, world.plan)
         self.renderer.revise(world, old, new)
         self.variant, self.scenario, self.world = variant, new, world

@@ -31,14 +31,9 @@ class Visibility:
     in_frame_fraction: float
 
     @property
-    def mask(self) -> NDArray[np.bool_]:
-        """Pixels of the grab within ``visible.window``."""
-        return self.visible.shows_grab
-
-    @property
     def box(self) -> Window | None:
         """Tight box of the visible grab in the picture, half open."""
-        mask = self.mask
+        mask = self.visible.shows_grab
         if not mask.any():
             return None
         x, y = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))

@@ -62,11 +62,6 @@ class Camera:
         """Whether the exposure of a frame that has a time depends on the frames before it in its clip."""
 
     @property
-    def is_plain(self) -> bool:
-        """Whether the picture is what was rendered, but for shutter and display."""
-        return self._scenario.optics.off and not self.wants_view
-
-    @property
     def wants_view(self) -> bool:
         """Whether depth and ids of the whole picture are needed."""
         return self._scenario.light.floodlights > 0 or not self._scenario.weather.off
@@ -81,7 +76,7 @@ class Camera:
         before : Exposure, optional
             Of the clip's frame before, where the camera `has_memory`.
         """
-        if self.is_plain:
+        if self._scenario.optics.off and not self.wants_view:
             rgb = buffers.rgb if buffers.rgb.dtype == np.uint8 else to_display(buffers.rgb)
             return Developed(self._finished(buffers, rgb), None, None)
         scenario, weathered = self._scenario, self._weathered(buffers)

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 Axis = Literal["x", "y", "z"]
 
@@ -122,14 +122,7 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
 
 def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
     """Put closed meshes into one, vertices unmerged, so that it stays watertight."""
-    vertices: list[NDArray[np.float64]] = []
-    faces: list[NDArray[np.int64]] = []
-    count = 0
-    for mesh in meshes:
-        vertices.append(np.asarray(mesh.vertices))
-        faces.append(np.asarray(mesh.faces) + count)
-        count += len(mesh.vertices)
-    return solid(np.concatenate(vertices), np.concatenate(faces))
+    return trimesh.util.concatenate(list(meshes))
 
 
 def at_y(mesh: trimesh.Trimesh, *places: float) -> trimesh.Trimesh:
