@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.model.geometry import Array
 from simgrab.model.layouts import Layout
 from simgrab.model.rng import stream
 from simgrab.model.scenario import AutoExposure, Dynamic, Font, GeneratedFont, Iid, Scenario, Water
@@ -127,10 +126,10 @@ class Camera:
         place = scenario.place
         rendered = RenderPass(
             light, view.depth, view.ids, k, rotation,
-            centre_m=_vector(offset),
+            centre_m=offset,
             height_m=scenario.jib.head_height_m + float(offset[2]),
             shutter_s=scenario.shutter.exposure_s,
-            grab_m=_vector(moment.grab.jib_from_grab.translation),
+            grab_m=moment.grab.jib_from_grab.translation,
             jib_from_place=moment.jib.jib_from_place if moment.jib else None,
             water_m=-place.quay_height_m if isinstance(place, Water) else None,
         )  # fmt: skip
@@ -152,14 +151,14 @@ class Camera:
         light = self._scenario.light
         if light.floodlights:
             each = light.floodlights / len(FLOODLIGHTS)
-            return [Lamp(_vector(position), each) for position in FLOODLIGHTS]
+            return [Lamp(position, each) for position in FLOODLIGHTS]
         if not light.sun:
             return []
         elevation = math.radians(light.sun_elevation_deg)
         azimuth = math.radians(light.sun_azimuth_deg) - (moment.jib.slew if moment.jib else 0.0)
         level = math.cos(elevation)
         towards = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
-        return [Lamp(_vector(SUN_M * towards), SUN_SHARE * light.sun)]
+        return [Lamp(SUN_M * towards, SUN_SHARE * light.sun)]
 
 
 @lru_cache(maxsize=4)  # worlds in turn have one of a few layouts
@@ -194,8 +193,3 @@ def _accumulate(total: Light, rgb: Picture, share: NDArray[np.float32], rows: sl
         light = to_linear(np.ascontiguousarray(rgb[rows])).reshape(len(share[rows]), -1)
         light *= share[rows, None]
         total[rows] += light.reshape(total[rows].shape)
-
-
-def _vector(values: Array) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in values)
-    return x, y, z

@@ -21,7 +21,7 @@ from simgrab.world import gl
 from simgrab.world.camera import changes, geoms
 from simgrab.world.camera.background import Background
 from simgrab.world.camera.geoms import Geom
-from simgrab.world.camera.lens import Lens, PictureMap, Window
+from simgrab.world.camera.lens import Lens, Window
 from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, NOTHING, ROPE, World
 from simgrab.world.scenery.places.plain import PHOTOGRAPH
 from simgrab.world.trajectory.moment import Moment, Tilt
@@ -310,24 +310,17 @@ class Renderer:
         """
         self._gather(moment, grab_only=True)
         draw = partial(self._passes.identify, with_depth=False)
-        if self._aim.lens is None:
-            x0, y0, x1, y1 = (max(samples, 1) * v for v in window)
-            return self._draw_tiles((x0, y0, x1, y1), max(samples, 1), draw)[0] == GRAB
-        finer = samples or LENS_SAMPLES
-        lens = self._aim.lens.map(window, finer, enlarged=samples > 0)
-        (ids,) = self._draw_tiles(lens.source, finer, draw)
-        return lens.resample(ids, cv2.INTER_NEAREST, NOTHING) == GRAB
+        if samples and self._aim.lens is None:
+            x0, y0, x1, y1 = (samples * v for v in window)
+            return self._draw_tiles((x0, y0, x1, y1), samples, draw)[0] == GRAB
+        (ids,) = self._draw_through(window, draw, samples or LENS_SAMPLES, enlarged=samples > 0)
+        return ids == GRAB
 
     def grab_views(self, moment: Moment, window: Window) -> tuple[NDArray[np.bool_], View]:
         """`silhouette` and `view` of one window, which take one drawing of the grab."""
         self._gather(moment)
-        lens = self._aim.lens.map(window, LENS_SAMPLES) if self._aim.lens else None
-        source, finer = (lens.source, LENS_SAMPLES) if lens else (window, 1)
-        alone, ids, buffer = self._draw_tiles(source, finer, self._passes.identify_grab_first)
-        if lens:
-            alone = lens.resample(alone, cv2.INTER_NEAREST, NOTHING)
-        view = _bent(lens, window, ids, buffer, 0.0)
-        return alone == GRAB, View(window, view.ids, _metres(view.depth))
+        alone, ids, buffer = self._draw_through(window, self._passes.identify_grab_first)
+        return alone == GRAB, View(window, ids, _metres(buffer))
 
     def coarse_view(self, moment: Moment) -> View:
         """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
@@ -335,13 +328,16 @@ class Renderer:
         return self._view(moment, self.full, 1)
 
     def _view(self, moment: Moment, window: Window, finer: int) -> View:
-        lens = self._aim.lens.map(window, finer, enlarged=False) if self._aim.lens else None
-        source = lens.source if lens else window
-        if source == self._aim.drawn and (finer == 1 or not lens):
-            return _bent(lens, window, *self._draw_whole(moment))
-        ids, buffer = self._draw_tiles(source, finer if lens else 1, self._passes.identify)
-        view = _bent(lens, window, ids, buffer, 0.0)
-        return View(window, view.ids, _metres(view.depth))  # of the few pixels that are left
+        lens = self._aim.lens
+        if window == self.full and (finer == 1 or not lens):
+            ids, depth = self._draw_whole(moment)
+            if lens:
+                bent = lens.map(window)
+                ids = bent.resample(ids, cv2.INTER_NEAREST, NOTHING)
+                depth = bent.resample(depth, cv2.INTER_NEAREST, FAR_M)
+            return View(window, ids, depth)
+        ids, buffer = self._draw_through(window, self._passes.identify, finer)
+        return View(window, ids, _metres(buffer))  # of the few pixels that are left
 
     def _gather(self, moment: Moment, *, grab_only: bool = False) -> None:
         """Pose the world, and list what is drawn of it."""
@@ -482,6 +478,17 @@ class Renderer:
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
         return ids[::-1], depth[::-1]
 
+    def _draw_through(
+        self, window: Window, draw: Callable[..., tuple[NDArray[Any], ...]], finer: int = LENS_SAMPLES, *,
+        enlarged: bool = False,
+    ) -> list[NDArray[Any]]:  # fmt: skip
+        """Draw buffers of a window of the picture, ids first; behind a lens finer, as `Lens` maps them."""
+        if self._aim.lens is None:
+            return self._draw_tiles(window, 1, draw)
+        lens = self._aim.lens.map(window, finer, enlarged=enlarged)
+        drawn = self._draw_tiles(lens.source, finer, draw)
+        return [lens.resample(one, cv2.INTER_NEAREST, NOTHING if one.dtype == np.uint8 else 0.0) for one in drawn]
+
     def _draw_tiles(
         self, window: Window, finer: int, draw: Callable[..., tuple[NDArray[Any], ...]]
     ) -> list[NDArray[Any]]:
@@ -500,16 +507,6 @@ class Renderer:
                 for whole, part in zip(found, parts, strict=True):
                     whole[at] = part[::-1]
         return found
-
-
-def _bent(
-    lens: PictureMap | None, window: Window, ids: NDArray[np.uint8], depth: NDArray[np.float32], far: float = FAR_M
-) -> View:
-    """View of a window of the picture from what was drawn for it, bent by a lens where there is one."""
-    if lens:
-        ids = lens.resample(ids, cv2.INTER_NEAREST, NOTHING)
-        depth = lens.resample(depth, cv2.INTER_NEAREST, far)
-    return View(window, ids, depth)
 
 
 def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -9,11 +9,12 @@ from functools import partial
 import cv2
 import numpy as np
 
+from simgrab.model.geometry import Array
 from simgrab.model.scenario import Weather
 from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker
-from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
+from simgrab.world.camera.weather.render_pass import Picture, RenderPass
 from simgrab.world.camera.weather.surface import STEP, Surface, surface
 from simgrab.world.scenery.model import PLACE, ROPE
 
@@ -29,19 +30,19 @@ STEEPEST_SNOW = (0.5, 0.8)  # cosines between which less and less snow stays
 DUSTING = 0.45  # of the cover, on moving steel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lamp:
     """A lamp or the sun.
 
     Attributes
     ----------
-    position_m : tuple of 3 floats
+    position_m : ndarray, shape (3,)
         Jib frame; the sun is very far away.
     light : float
         Linear radiance of a white matte surface that faces it from the ground below the camera.
     """
 
-    position_m: Vector
+    position_m: Array
     light: float
 
 
@@ -98,7 +99,7 @@ def _wet(
     return keep, glow
 
 
-def _towards(point_m: Vector, on: Surface, ground_z: float) -> tuple[Picture, Picture, Picture]:
+def _towards(point_m: Array, on: Surface, ground_z: float) -> tuple[Picture, Picture, Picture]:
     """Return unit vectors from the surface to a point, jib frame."""
     dx, dy = np.float32(point_m[0]) - on.jib_x, np.float32(point_m[1]) - on.jib_y
     dz = np.float32(point_m[2] - ground_z) - on.height

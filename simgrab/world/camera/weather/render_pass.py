@@ -29,13 +29,13 @@ class RenderPass:
     intrinsics : Intrinsics
     jib_from_camera : ndarray, shape (3, 3)
         Rotation.
-    centre_m : tuple of 3 floats
+    centre_m : ndarray, shape (3,)
         Camera centre, jib frame.
     height_m : float
         Of the camera above the ground.
     shutter_s : float
         Exposure time.
-    grab_m : tuple of 3 floats
+    grab_m : ndarray, shape (3,)
         Grab centre, jib frame.
     jib_from_place : Pose or None
         Pose of what stands on the ground; None where it never moves.
@@ -48,10 +48,10 @@ class RenderPass:
     ids: NDArray[np.uint8]
     intrinsics: Intrinsics
     jib_from_camera: Array
-    centre_m: Vector
+    centre_m: Array
     height_m: float
     shutter_s: float
-    grab_m: Vector
+    grab_m: Array
     jib_from_place: Pose | None = None
     water_m: float | None = None
 

@@ -204,18 +204,9 @@ class Design:
         frames = self.frames(0.0)
         points = np.concatenate([trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in self.bodies])
         # The mean outline of a convex body upright, over all horizontal directions, by eight of them.
-        areas = [_outline_area(points @ _across(a)) for a in np.arange(8) * np.pi / 8]
-        return AIR_DRAG * float(np.mean(areas))
-
-
-def _across(azimuth: float) -> Array:
-    """Axes (3, 2) of the picture that a horizontal view shows."""
-    return np.array([[np.cos(azimuth), 0.0], [np.sin(azimuth), 0.0], [0.0, 1.0]])
-
-
-def _outline_area(points: Array) -> float:
-    """Area of the convex hull of points, shape (n, 2)."""
-    return float(shapely.convex_hull(shapely.MultiPoint(points)).area)
+        azimuths = np.arange(8) * np.pi / 8
+        views = (points @ [[np.cos(a), 0.0], [np.sin(a), 0.0], [0.0, 1.0]] for a in azimuths)
+        return AIR_DRAG * float(np.mean([shapely.convex_hull(shapely.MultiPoint(view)).area for view in views]))
 
 
 def _turn(axis: Sequence[float], angle: float) -> Array:
