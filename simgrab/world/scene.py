@@ -53,17 +53,8 @@ class Scene:
     def revise(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS) -> bool:
         """Become the scene of another variant, if the OpenGL context can stay; what has not changed is reused.
 
-        Its frames are then bit-identical to those of a scene built for that variant.
-
-        Parameters
-        ----------
-        variant : Variant
-        extensions : Extensions
-
-        Returns
-        -------
-        bool
-            Whether the scene has changed; if not, it is as before.
+        Its frames are then bit-identical to those of a scene built for that variant. Returns whether it has changed; if
+        not, it is as before.
 
         Raises
         ------

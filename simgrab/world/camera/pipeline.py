@@ -47,12 +47,7 @@ class Developed:
 
 
 class Camera:
-    """The camera of a scenario: a pure function from buffers to a picture.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    """
+    """The camera of a scenario: a pure function from buffers to a picture."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario

@@ -21,13 +21,7 @@ _GREY = Material("marker_arm", (0.35, 0.36, 0.38, 1.0))
 
 
 def marked(design: Design, markers: Markers) -> Design:
-    """Mount plate and target on a grab's head; its mass stays unchanged.
-
-    Parameters
-    ----------
-    design : Design
-    markers : Markers
-    """
+    """Mount plate and target on a grab's head; its mass stays unchanged."""
     parts: list[Part] = []
     ends = np.array([0.0, 0.0, float(design.terminations[0, 2])])
     if markers.plate:

@@ -86,10 +86,6 @@ def apply(
         The sun and floodlights, for glints and for the particles near them.
     cargo : str
         What the dust is of.
-
-    Returns
-    -------
-    Weathered
     """
     if weather.off:
         return Weathered(rendered.light, np.zeros(rendered.depth.shape, np.float32))
