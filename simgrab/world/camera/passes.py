@@ -378,9 +378,8 @@ class Passes:
         return rgb
 
     def identify(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False,
-        with_depth: bool = True,
-    ) -> tuple[NDArray[Any], ...]:  # fmt: skip
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Draw the ids and depth of geoms, and keep them for `identify_over` or not; see `colour`.
 
         Returns
@@ -388,21 +387,21 @@ class Passes:
         ids : ndarray of uint8, shape (h, w)
             Groups of the geoms, 255 where there is none.
         depth : ndarray of float32, shape (h, w)
-            What the depth buffer has: 1 at the near plane, 0 at the far one; left out unless wanted.
+            What the depth buffer has: 1 at the near plane, 0 at the far one.
         """
         name = "kept_ids" if keep else "ids"
         self._identify(name, scene, rect, geoms, clear=True)
-        return self._read_ids(name, (0, 0, rect.width, rect.height), with_depth=with_depth)
+        return self._read_ids(name, (0, 0, rect.width, rect.height))
 
     def identify_grab_first(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Sequence[Geom]
-    ) -> tuple[NDArray[Any], ...]:
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]:
         """Draw ids of the grab alone, and then ids and depth of all: it touches nothing that is listed before it."""
         whole = (0, 0, rect.width, rect.height)
         self._identify("ids", scene, rect, [geom for geom in geoms if geom.group == GRAB], clear=True)
-        alone = self._read_ids("ids", whole, with_depth=False)
+        alone, _ = self._read_ids("ids", whole)
         self._identify("ids", scene, rect, [geom for geom in geoms if geom.group != GRAB], clear=False)
-        return alone + self._read_ids("ids", whole)
+        return alone, *self._read_ids("ids", whole)
 
     def identify_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
@@ -414,8 +413,7 @@ class Passes:
         self._copy("ids", windows)
         self._identify("ids", scene, rect, moving, clear=False)
         for window in windows:
-            ids, depth = self._read_ids("ids", window)
-            yield window, ids, depth
+            yield window, *self._read_ids("ids", window)
 
     def _identify(
         self, name: str, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, clear: bool
@@ -429,17 +427,16 @@ class Passes:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
                 self._draw(geom, self._mesh(geom.number))
 
-    def _read_ids(self, name: str, window: Window, *, with_depth: bool = True) -> tuple[NDArray[Any], ...]:
+    def _read_ids(self, name: str, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
         ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target[name])
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
-        if with_depth:
-            GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
+        GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         ids -= 1  # 0, which is nothing, becomes 255
-        return (ids, depth) if with_depth else (ids,)
+        return ids, depth
 
     def _copy(self, name: str, windows: Iterable[Window]) -> None:
         """Copy colours and depth of what is kept in windows."""

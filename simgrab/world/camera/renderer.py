@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -309,11 +308,10 @@ class Renderer:
         ndarray of bool, shape (h·samples, w·samples)
         """
         self._gather(moment, grab_only=True)
-        draw = partial(self._passes.identify, with_depth=False)
         if samples and self._aim.lens is None:
             x0, y0, x1, y1 = (samples * v for v in window)
-            return self._draw_tiles((x0, y0, x1, y1), samples, draw)[0] == GRAB
-        (ids,) = self._draw_through(window, draw, samples or LENS_SAMPLES, enlarged=samples > 0)
+            return self._draw_tiles((x0, y0, x1, y1), samples, self._passes.identify)[0] == GRAB
+        ids, _ = self._draw_through(window, self._passes.identify, samples or LENS_SAMPLES, enlarged=samples > 0)
         return ids == GRAB
 
     def grab_views(self, moment: Moment, window: Window) -> tuple[NDArray[np.bool_], View]:
@@ -368,7 +366,7 @@ class Renderer:
     def _still_buffers(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of what stands still."""
         if self._aim.still is None:
-            stand = [geom for geom in self._geoms if geom.stands]
+            stand = [geom for geom in self._geoms if not geom.moves]
             rect = self.aim(self._aim.drawn, self._scene)
             ids, buffer = self._passes.identify(self._scene, rect, stand, keep=True)
             self._aim.still = ids, _metres(buffer)
@@ -378,7 +376,7 @@ class Renderer:
         """Picture of what stands still, as drawn and through the lens; each pixel's cell of the shadow map, if any."""
         if self._aim.backdrop is None:
             scene, passes, cells = self._scene, self._passes, None
-            stand = [geom for geom in self._geoms if geom.stands]
+            stand = [geom for geom in self._geoms if not geom.moves]
             if self._aim.shadowed:
                 jib_from_camera = Pose(self._rotation, self._aim.centre).as_matrix()
                 # Rows counted from the bottom make the camera's y point upwards.
@@ -447,7 +445,7 @@ class Renderer:
             cells = changes.marked(boxes, passes.map_from_jib(scene))
             darker = changes.tiles_of(cells.ravel()[receivers])
             redrawn = [
-                (window, [geom for geom in self._geoms_in(window) if geom.stands])
+                (window, [geom for geom in self._geoms_in(window) if not geom.moves])
                 for window in changes.windows(darker, *self._aim.size, changes.PASS_PX)
             ]
             grid |= darker
