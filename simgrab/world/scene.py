@@ -92,7 +92,7 @@ class Scene:
         whole = renderer.view(moment) if full or stored else None
         view = whole if stored or (self.camera.wants_view and not renderer.has_lens) else None
         if view is None and self.camera.wants_view:
-            view = renderer.coarse_view(moment)  # without a lens the same as the whole view
+            view = renderer.view(moment, finer=1)  # without a lens the same as the whole view
         visibility = NONE_VISIBLE
         if labelled:
             visibility = observe(renderer, projection, None if renderer.has_lens and not stored else view)

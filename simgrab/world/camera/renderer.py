@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -119,7 +118,7 @@ class _Aim:
 
 
 class Renderer:
-    """Renders moments of one world through one camera. Use as a context manager: it owns an OpenGL context.
+    """Renders moments of one world through one camera. It owns an OpenGL context: close it.
 
     For moments in which camera and crane are as the scenario has them at first (no slewing, no luffing, no shaking),
     what they show is drawn once, and then only what grab, ropes and their shadows may change. Single pixels at edges of
@@ -227,12 +226,6 @@ class Renderer:
         aim.target = aim.target or self._passes.made(aim.size, smooth=aim.smooth)
         self._aims, self._aim, self._passes.target = kept, aim, aim.target
 
-    def __enter__(self) -> Renderer:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
     def close(self) -> None:
         """Free the OpenGL context."""
         self._stack.close()
@@ -277,20 +270,32 @@ class Renderer:
 
     @property
     def has_lens(self) -> bool:
-        """Whether a lens distorts the picture, so that a `coarse_view` differs from a `view`."""
+        """Whether a lens distorts the picture, so that ids are rendered finer for labels."""
         return self._aim.lens is not None
 
-    def view(self, moment: Moment, window: Window | None = None) -> View:
-        """Render ids and depth through a window of the picture, as finely as labels need them.
+    def view(self, moment: Moment, window: Window | None = None, finer: int = LENS_SAMPLES) -> View:
+        """Render ids and depth through a window of the picture.
 
         Parameters
         ----------
         moment : Moment
         window : Window, optional
             The whole picture unless given. It may reach beyond the picture.
+        finer : int
+            How much finer what a lens bends is rendered: as labels need it unless given. With 1 the lens may move edges
+            by half a pixel.
         """
         self._gather(moment)
-        return self._view(moment, window or self.full, LENS_SAMPLES)
+        window, lens = window or self.full, self._aim.lens
+        if window == self.full and (finer == 1 or not lens):
+            ids, depth = self._draw_whole(moment)
+            if lens:
+                bent = lens.map(window)
+                ids = bent.resample(ids, cv2.INTER_NEAREST, NOTHING)
+                depth = bent.resample(depth, cv2.INTER_NEAREST, FAR_M)
+            return View(window, ids, depth)
+        ids, buffer = self._draw_through(window, self._passes.identify, finer)
+        return View(window, ids, _metres(buffer))  # of the few pixels that are left
 
     def silhouette(self, moment: Moment, window: Window, samples: int = 0) -> NDArray[np.bool_]:
         """Render the grab and what it holds through a window, as if nothing were in front of it.
@@ -319,23 +324,6 @@ class Renderer:
         self._gather(moment)
         alone, ids, buffer = self._draw_through(window, self._passes.identify_grab_first)
         return alone == GRAB, View(window, ids, _metres(buffer))
-
-    def coarse_view(self, moment: Moment) -> View:
-        """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
-        self._gather(moment)
-        return self._view(moment, self.full, 1)
-
-    def _view(self, moment: Moment, window: Window, finer: int) -> View:
-        lens = self._aim.lens
-        if window == self.full and (finer == 1 or not lens):
-            ids, depth = self._draw_whole(moment)
-            if lens:
-                bent = lens.map(window)
-                ids = bent.resample(ids, cv2.INTER_NEAREST, NOTHING)
-                depth = bent.resample(depth, cv2.INTER_NEAREST, FAR_M)
-            return View(window, ids, depth)
-        ids, buffer = self._draw_through(window, self._passes.identify, finer)
-        return View(window, ids, _metres(buffer))  # of the few pixels that are left
 
     def _gather(self, moment: Moment, *, grab_only: bool = False) -> None:
         """Pose the world, and list what is drawn of it."""

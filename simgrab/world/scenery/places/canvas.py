@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgrab.world.scenery.meshes.part import Paint
+from simgrab.world.scenery.places.heap import Cargo
+from simgrab.world.scenery.textures import load
 
 Picture = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -258,12 +260,12 @@ class Canvas:
                 self._spill[y0:y1, x0:x1], full[y0 - top : y1 - top, x0 - left : x1 - left]
             )
 
-    def finish(self, cargo: Picture | None, cargo_per_m: float) -> Paint:
-        """Return what paints all, with dirt and cargo; ``cargo`` is a tile of ``cargo_per_m`` pixels a metre."""
+    def finish(self, cargo: Cargo | None = None) -> Paint:
+        """Return what paints all, with dirt and the cargo that was spilt."""
         scattered = None if cargo is None else self._scattered()
-        return cache(lambda: self._finished(cargo, cargo_per_m, scattered))
+        return cache(lambda: self._finished(cargo, scattered))
 
-    def _finished(self, cargo: Picture | None, cargo_per_m: float, scattered: _Scattered | None) -> Picture:
+    def _finished(self, cargo: Cargo | None, scattered: _Scattered | None) -> Picture:
         self._paint_strokes()
         base = self.picture
         n = len(base)
@@ -276,9 +278,7 @@ class Canvas:
         del self.picture, self._dirt, self._wear  # a world keeps its textures, not what they were made of
         if cargo is None or scattered is None:
             return np.asarray(picture, np.uint8)
-        tile = cv2.resize(
-            cargo, None, fx=self.per_m / cargo_per_m, fy=self.per_m / cargo_per_m, interpolation=cv2.INTER_AREA
-        )
+        tile = shrunk(load(cargo.texture), self.per_m / (1024 / cargo.tile_m))
         (y0, y1, x0, x1), drawn, grit = scattered
         shape = (y1 - y0, x1 - x0)
         repeat = [-(-s // t) for s, t in zip(shape, tile.shape[:2], strict=True)]
