@@ -90,7 +90,11 @@ class Cylinder(_Pins):
         """Distance between the pins at an opening, rad."""
         return float(np.hypot(*self._span(jaw)))
 
+    def turn(self, jaw: float) -> float:
+        """Turn of the cylinder about +y from closed, rad."""
+        (x0, z0), (x, z) = self._span(0.0), self._span(jaw)
+        return float(np.arctan2(x0, -z0) - np.arctan2(x, -z))
+
     def at(self, jaw: float) -> tuple[float, float]:
         """Turn of the cylinder about +y from closed, rad, and its extension, m."""
-        (x0, z0), (x, z) = self._span(0.0), self._span(jaw)
-        return float(np.arctan2(x0, -z0) - np.arctan2(x, -z)), self.length_m(jaw) - self.length_m(0.0)
+        return self.turn(jaw), self.length_m(jaw) - self.length_m(0.0)
