@@ -184,6 +184,22 @@ def test_what_moving_jaws_do_is_felt_as_the_velocity_that_they_change():
     near(gained, last - first, atol=1e-5)
 
 
+def test_the_pull_on_o_sums_up_to_its_commanded_velocity():
+    scenario = scene(BUSY, frames=270)
+    interval = ClipMotion(scenario, 0).interval
+    motion = at(scenario, (np.arange(1500) + 0.5) * interval)
+    felt = kinematics("jib-head", motion, scenario)
+    gained = np.cumsum(np.einsum("nij,nj->ni", felt.attitude, felt.force) * interval, axis=0)
+    course = Work(scenario, 0).sample(np.arange(1501) * interval)
+    radius = scenario.swing.radius_m + course.luffed
+    turn = np.stack([np.cos(course.slew), np.sin(course.slew)], axis=1)
+    aside = turn[:, ::-1] * (-1, 1)
+    velocity = course.luff_rate[:, None] * turn + (radius * course.slew_rate)[:, None] * aside
+    near(gained[:, :2], velocity[1:] - velocity[0], atol=1e-12)
+    np.testing.assert_allclose(gained[:, 2], STANDARD_GRAVITY * interval * np.arange(1, 1501), rtol=1e-12)
+    assert np.linalg.norm(velocity, axis=1).max() > 1.0
+
+
 def test_at_rest_a_sensor_reads_gravity_upwards():
     read = simgrab.sensors(scene(STILL, frames=9, **imus()))
     for mount in ("jib-head", "rope", "grab"):
