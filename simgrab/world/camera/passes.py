@@ -195,9 +195,14 @@ class Passes:
         return target
 
     def free(self, target: Target) -> None:
-        """Free framebuffers."""
+        """Free framebuffers with colour, and what is attached to them."""
         for framebuffer in target.framebuffers.values():
-            _free(framebuffer)
+            GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+            name = GL.GL_FRAMEBUFFER_ATTACHMENT_OBJECT_NAME
+            for point in (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT):
+                attached = int(GL.glGetFramebufferAttachmentParameteriv(GL.GL_FRAMEBUFFER, point, name))
+                GL.glDeleteRenderbuffers(1, [attached])
+            GL.glDeleteFramebuffers(1, [framebuffer])
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
 
     def show(self, picture: NDArray[np.uint8]) -> None:
@@ -249,8 +254,21 @@ class Passes:
         return np.asarray(_TEXTURE_FROM_CLIP @ projection @ view)
 
     def _sun_view(self, scene: mujoco.MjvScene) -> tuple[Array, Array]:
-        sun = scene.lights[self._model.light("sun").id]
-        return _sun_view(np.array(sun.pos, float), np.array(sun.dir, float), float(self._context.shadowClip))
+        """Projection and view of the sun, shapes (4, 4), as MuJoCo has them: depth from 1 at the near plane to 0."""
+        sun, half_width = scene.lights[self._model.light("sun").id], float(self._context.shadowClip)
+        position, direction = np.array(sun.pos, float), np.array(sun.dir, float)
+        up = np.cross(direction, (-1.0, 0.0, 0.0))
+        if up @ up <= 0.01:
+            up = np.cross(direction, (0.0, 1.0, 0.0))
+        forward = direction / np.linalg.norm(direction)
+        side = np.cross(forward, up)
+        side /= np.linalg.norm(side)
+        view = np.eye(4)
+        view[:3, :3] = side, np.cross(side, forward), -forward
+        view[:3, 3] = -view[:3, :3] @ position
+        projection = np.diag([1 / half_width, 1 / half_width, 1 / (FAR_M - NEAR_M), 1.0])
+        projection[2, 3] = FAR_M / (FAR_M - NEAR_M)
+        return projection, view
 
     def _cast(self, scene: mujoco.MjvScene, framebuffer: int | None, geoms: Iterable[Geom], *, clear: bool) -> None:
         side, (projection, view) = self._context.shadowSize, self._sun_view(scene)
@@ -590,32 +608,6 @@ def _attach(point: Any, form: Any, size: tuple[int, int], samples: int) -> None:
     GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, point, GL.GL_RENDERBUFFER, renderbuffer)
 
 
-def _free(framebuffer: int) -> None:
-    """Free a framebuffer with colour, and what is attached to it."""
-    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
-    name = GL.GL_FRAMEBUFFER_ATTACHMENT_OBJECT_NAME
-    for point in (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT):
-        attached = int(GL.glGetFramebufferAttachmentParameteriv(GL.GL_FRAMEBUFFER, point, name))
-        GL.glDeleteRenderbuffers(1, [attached])
-    GL.glDeleteFramebuffers(1, [framebuffer])
-
-
 def _load(mode: Any, matrix: Array) -> None:
     GL.glMatrixMode(mode)
     GL.glLoadMatrixf(np.ascontiguousarray(matrix.T, np.float32))
-
-
-def _sun_view(position: Array, direction: Array, half_width: float) -> tuple[Array, Array]:
-    """Projection and view of the sun, shapes (4, 4), as MuJoCo has them: depth from 1 at the near plane to 0."""
-    up = np.cross(direction, (-1.0, 0.0, 0.0))
-    if up @ up <= 0.01:
-        up = np.cross(direction, (0.0, 1.0, 0.0))
-    forward = direction / np.linalg.norm(direction)
-    side = np.cross(forward, up)
-    side /= np.linalg.norm(side)
-    view = np.eye(4)
-    view[:3, :3] = side, np.cross(side, forward), -forward
-    view[:3, 3] = -view[:3, :3] @ position
-    projection = np.diag([1 / half_width, 1 / half_width, 1 / (FAR_M - NEAR_M), 1.0])
-    projection[2, 3] = FAR_M / (FAR_M - NEAR_M)
-    return projection, view
