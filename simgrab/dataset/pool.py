@@ -20,7 +20,7 @@ from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.projection import Projection, project
-from simgrab.world.scenery.plan import Plan, adapted, draw_up, replanned
+from simgrab.world.scenery.plan import Plan, draw_up, replanned
 from simgrab.world.trajectory.trajectory import Trajectory
 
 T = TypeVar("T")
@@ -141,10 +141,7 @@ def vet(recipe: Recipe, frames: FrameNumbers | None = None, tick: Tick | None = 
     for _, span in itertools.groupby(numbers, recipe.variant_number):
         first = next(span)
         one = recipe.variant(first)
-        if plan is None or before is None:
-            plan = draw_up(one.scenario, one.draws)
-        else:
-            plan = adapted(plan, before, one) or replanned(plan, before, one)
+        plan = draw_up(one.scenario, one.draws) if plan is None or before is None else replanned(plan, before, one)
         trajectory, before = Trajectory(one.scenario, recipe.extensions, plan), one
         for frame in itertools.chain((first,), span):  # all of them: each may be impossible
             projection = project(one.scenario, plan, trajectory.at(frame))

@@ -195,13 +195,7 @@ NO_EXTENSIONS = Extensions()
 
 @dataclass(frozen=True)
 class Recipe:
-    """A scenario and the user's functions: everything on which the frames depend.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    extensions : Extensions
-    """
+    """A scenario and the user's functions: everything on which the frames depend."""
 
     scenario: Scenario
     extensions: Extensions = NO_EXTENSIONS

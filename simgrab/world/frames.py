@@ -85,10 +85,6 @@ class FrameGenerator:
     projections : mapping of int to Projection, optional
         Projections of frames that were projected already.
 
-    Attributes
-    ----------
-    projections : mapping of int to Projection
-
     Examples
     --------
     >>> import simgrab

@@ -129,7 +129,7 @@ def _hidden(visibility: Visibility, attenuation: NDArray[np.float32] | None) -> 
     if attenuation is None:
         return 0.0
     x0, y0, x1, y1 = visibility.visible.window
-    return hidden_fraction(attenuation[y0:y1, x0:x1], visibility.mask)
+    return hidden_fraction(attenuation[y0:y1, x0:x1], visibility.visible.shows_grab)
 
 
 def _degrees(angle: float | Array) -> float:

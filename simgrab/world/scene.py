@@ -13,7 +13,7 @@ from simgrab.world.camera.renderer import Renderer
 from simgrab.world.extensions import NO_EXTENSIONS, Extensions
 from simgrab.world.projection import Projection, project
 from simgrab.world.scenery import model
-from simgrab.world.scenery.plan import Plan, adapted, draw_up, replanned
+from simgrab.world.scenery.plan import Plan, draw_up, replanned
 from simgrab.world.trajectory.trajectory import Trajectory
 
 
@@ -53,17 +53,8 @@ class Scene:
     def revise(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS) -> bool:
         """Become the scene of another variant, if the OpenGL context can stay; what has not changed is reused.
 
-        Its frames are then bit-identical to those of a scene built for that variant.
-
-        Parameters
-        ----------
-        variant : Variant
-        extensions : Extensions
-
-        Returns
-        -------
-        bool
-            Whether the scene has changed; if not, it is as before.
+        Its frames are then bit-identical to those of a scene built for that variant. Returns whether it has changed; if
+        not, it is as before.
 
         Raises
         ------
@@ -73,9 +64,8 @@ class Scene:
         old, new = self.scenario, variant.scenario
         if not self.renderer.takes(new):
             return False
-        before, world = (self.world.plan, self.variant, variant), self.world
-        plan = adapted(*before)
-        world = replace(world, plan=plan) if plan else model.build(new, replanned(*before))
+        plan, world = replanned(self.world.plan, self.variant, variant), self.world
+        world = replace(world, plan=plan) if plan.bodies is world.plan.bodies else model.build(new, plan)
         camera, trajectory = Camera(new), Trajectory(new, extensions, world.plan)
         self.renderer.revise(world, old, new)
         self.variant, self.scenario, self.world = variant, new, world
@@ -102,13 +92,12 @@ class Scene:
         whole = renderer.view(moment) if full or stored else None
         view = whole if stored or (self.camera.wants_view and not renderer.has_lens) else None
         if view is None and self.camera.wants_view:
-            view = renderer.coarse_view(moment)  # without a lens the same as the whole view
-        still = renderer.still_view(moment) if self.camera.wants_view and not (stored and renderer.has_lens) else None
+            view = renderer.view(moment, finer=1)  # without a lens the same as the whole view
         visibility = NONE_VISIBLE
         if labelled:
             visibility = observe(renderer, projection, None if renderer.has_lens and not stored else view)
         rgb = exposed_rgb(self.scenario, renderer, projection.nominal)
-        return Buffers(projection, rgb, visibility, whole, view, still)
+        return Buffers(projection, rgb, visibility, whole, view)
 
     def develop(self, buffers: Buffers) -> Developed:
         """Make the picture from a frame's buffers.

@@ -183,20 +183,23 @@ def test_tools_read_every_kind_of_yolo_label(source, exported, kind, stated):
             np.testing.assert_allclose(image.boxes[0][1], frame.box / size, rtol=0, atol=1e-6)
 
 
-def test_coco(source, exported):
+@pytest.mark.parametrize("layout", ["coco", "simgrab"])
+def test_coco(source, exported, layout):
     seen = 0
     for split, count in source.splits.items():
-        coco = COCO(exported / "coco" / "annotations" / f"instances_{split}.json")
+        coco = COCO(exported / layout / "annotations" / f"instances_{split}.json")
         assert len(coco.imgs) == count
         for number, image in coco.imgs.items():
             frame = source.frame(number)
             annotations = coco.imgToAnns[number]
             assert len(annotations) == frame.labelled
-            same_picture(PIL.Image.open(exported / "coco" / image["file_name"]), frame)
+            same_picture(PIL.Image.open(exported / layout / image["file_name"]), frame)
             for annotation in annotations:
                 x, y, w, h = annotation["bbox"]
                 assert [x, y, x + w, y + h] == frame.box.tolist()
                 np.testing.assert_array_equal(coco.annToMask(annotation).astype(bool), frame.mask)
+                assert annotation["area"] == frame.mask.sum()
+                assert len(annotation["keypoints"]) == 3 * len(KEYPOINT_NAMES)
             seen += 1
     assert seen == len(source)
 

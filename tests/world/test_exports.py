@@ -9,7 +9,6 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from conftest import small_scene
-from pycocotools.coco import COCO
 
 from simgrab.dataset.render import render
 from simgrab.dataset.yolo import data_yaml
@@ -26,28 +25,6 @@ def test_duckdb_and_pandas_read_the_labels(dataset):
     query = f"select count(*), max(alpha_deg) from '{dataset / 'labels.parquet'}'"
     count, most = duckdb.sql(query).fetchall()[0]
     assert (count, most) == (len(table), table.alpha_deg.max())
-
-
-@pytest.mark.parametrize("name", ["dataset", "crooked_dataset"])
-def test_coco(name, request, capsys):
-    path = request.getfixturevalue(name)
-    box, table = boxes(path)
-    seen = 0
-    for split in SPLITS:
-        coco = COCO(str(path / "annotations" / f"instances_{split}.json"))
-        assert sorted(coco.imgs) == sorted(table.index[table.split == split])
-        for annotation in coco.loadAnns(coco.getAnnIds()):
-            x, y, w, h = annotation["bbox"]
-            assert [x, y, x + w, y + h] == list(box.loc[annotation["image_id"]])
-            mask = coco.annToMask(annotation)
-            rows, columns = np.nonzero(mask)
-            assert [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1] == [x, y, x + w, y + h]
-            assert annotation["area"] == mask.sum()
-            assert len(annotation["keypoints"]) == 3 * len(KEYPOINT_NAMES)
-            assert (path / coco.imgs[annotation["image_id"]]["file_name"]).is_file()
-            seen += 1
-    assert seen == len(table)
-    capsys.readouterr()
 
 
 def test_metadata_csv_is_what_imagefolder_reads(split_dataset):

@@ -45,10 +45,6 @@ def test_every_mesh_is_closed_and_faces_outwards(parts: tuple[Part, ...]) -> Non
         assert part.mesh.volume > 0, part.name
 
 
-def test_names_are_unique(parts: tuple[Part, ...]) -> None:
-    assert len({part.name for part in parts}) == len(parts)
-
-
 def test_only_the_floodlights_hang_below_the_sheaves(parts: tuple[Part, ...]) -> None:
     for part in parts:
         near = np.abs(part.mesh.vertices[:, 0]) < 1.2

@@ -624,12 +624,6 @@ def test_a_picture_of_gltf_that_is_not_there(tmp_path):
     assert "The texture 'gone.png' is not in" in Found(tmp_path, {"a.glb": made.glb()}).doubts
 
 
-def test_nothing_of_a_file_depends_on_chance(tmp_path):
-    data = attack(GLTF["two primitives"][0]).glb()
-    first, second = (Found(tmp_path, {"a.glb": data}) for _ in range(2))
-    assert [part.name for part in first.parts] == [part.name for part in second.parts]
-
-
 def test_pictures_of_16_bits_are_not_clipped(tmp_path):
     file = io.BytesIO()
     Image.fromarray(np.full((2, 2), 32768, np.uint16)).save(file, "png")

@@ -305,9 +305,6 @@ def test_coding_keeps_colours_in_their_channels_and_grey_grey():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"optics.vignetting_stops": -1}, "optics.vignetting_stops"),
-        ({"optics.defocus_px": 51}, "optics.defocus_px"),
-        ({"optics.recompress_quality": 101}, "optics.recompress_quality"),
         ({"optics.sensor.read_noise_e": 3.0}, "needs full_well_e, the electron count of white"),
         ({"optics.sensor.full_well_e": 5.0}, "full_well_e must be 0 .* or at least 100"),
         ({"optics.night_mode": "auto"}, "needs exposure.model"),

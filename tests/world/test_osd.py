@@ -176,15 +176,6 @@ def test_each_row_shows_the_last_refresh_before_it_was_read_out(time, lag, rate,
             assert [c for c in text if c.isdigit()][i] == digits[i]
 
 
-def test_the_lag_is_what_it_says():
-    display = Display(layout="two-by-four", lag_s=0.75, refresh_hz=4.0, readout_s=0.0, constant_m=2.5)
-    for time, then in ((0.0, 0.0), (0.74, 0.0), (1.0, 0.25), (1.2499, 0.25), (1.25, 0.5), (10.1, 9.25)):
-        hoist, closing = ramp(then)
-        seen = shown(display, layouts.load("two-by-four"), time, ramp)
-        assert seen.rope_text == layouts.load("two-by-four").text(hoist - 2.5, closing - 2.5)
-        assert (seen.rope_text_below, seen.torn_row_px) == (seen.rope_text, None)
-
-
 def test_a_tear_counts_only_where_it_is_seen():
     display = Display(layout="two-by-four", lag_s=0.0, refresh_hz=1.0, readout_s=0.1)
     old, new, half = "1000 1000", "1860 1970", "1000 1970"

@@ -2,6 +2,7 @@
 
 import os
 import types
+from contextlib import closing
 
 import mujoco
 import numpy as np
@@ -51,7 +52,7 @@ def test_a_small_sphere_appears_where_project_says(scene, crooked_scene, lens):
     depth = np.array([6.0, 8.0, 7.0] * 3)
     xy = (ideal - (camera.intrinsics.cx_px, camera.intrinsics.cy_px)) / camera.intrinsics.f_px
     centres = np.column_stack([xy, np.ones(9)]) * depth[:, None] @ rotation.T + camera.offset_m
-    with Renderer(Spheres(centres), scenario) as renderer:
+    with closing(Renderer(Spheres(centres), scenario)) as renderer:
         view = renderer.view(draw(scenario, 0))
         expected = camera.intrinsics.project(geometry.to_camera(centres, rotation, camera.offset_m))
         errors = []

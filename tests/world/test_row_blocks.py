@@ -29,7 +29,7 @@ def test_every_row_is_worked_on_once(height):
 def test_results_come_in_order_and_errors_come_through():
     assert threaded_map(lambda x: x * x, range(100)) == [x * x for x in range(100)]
     with pytest.raises(ZeroDivisionError):
-        each_block(100, lambda rows: 1 // (rows.start - 64), rows=32)
+        each_block(300, lambda rows: 1 // (rows.start - 96))
 
 
 @pytest.mark.parametrize("times", [1, 2, 8])

@@ -7,7 +7,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from conftest import slow_but, small_scene
-from test_dataset import digest
 
 from simgrab.dataset import pool, stored
 from simgrab.dataset.render import render
@@ -61,26 +60,6 @@ def test_frames_of_a_variant_stay_in_one_split():
     many = Recipe(scene(frames=200))
     assert all(stored.split(many, f) == stored.split(many, f + 1) for f in range(0, 200, 2))
     assert {stored.split(many, f) for f in range(200)} == {"train", "val", "test"}
-
-
-@pytest.mark.slow
-def test_resumed_within_a_variant_it_ends_the_same(varied, tmp_path):
-    def stop(done, _total):
-        if done == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        render(scene(), tmp_path / "out", progress=stop)
-    assert render(scene(), tmp_path / "out", resume=True).made == 3
-    assert digest(tmp_path / "out") == digest(varied)
-
-
-def test_a_frame_alone_is_the_frame_of_the_whole(varied):
-    with FrameGenerator(scene()) as generator:
-        for frame in (5, 2):
-            made = stored.make(generator, frame)
-            for name, data in made.files.items():
-                assert (varied / name).read_bytes() == data
 
 
 @pytest.mark.slow
@@ -186,13 +165,6 @@ def test_other_grabs_are_seen_and_never_labelled():
             changed = np.abs(now.rgb.astype(int) - drawn.rgb).max(axis=-1) > 40
             assert changed.sum() > 500
             assert (ids[changed] == PLACE).mean() > 0.95  # the rest is their shadow on others
-
-
-def test_an_absent_grab_among_others_has_no_box():
-    with FrameGenerator(small_scene(clutter__other_grabs=4, swing__absent=1.0)) as generator:
-        frame = generator.frame(0, full=True)
-        assert frame.truth.box_x0_px is None
-        assert GRAB not in frame.ids
 
 
 @pytest.mark.slow

@@ -312,7 +312,6 @@ def test_the_glass_stays_as_it_is_for_a_clip(settings):
 
 
 @pytest.mark.parametrize(("settings", "reason"), [
-    ({"visibility_m": -10.0}, "visibility_m"), ({"rain_mm_h": -1.0}, "rain_mm_h"), ({"snow_mm_h": 50.0}, "snow_mm_h"),
     ({"rain_mm_h": 5.0, "snow_mm_h": 4.0}, "heavy snow falls without rain"), ({"fog": 1.0}, "fog"),
     ({"lens_dirt": 0.7, "lens_snow": 0.5}, "cover the same glass"), ({"wetness": 1.5}, "wetness"),
 ])  # fmt: skip

@@ -101,10 +101,7 @@ def test_the_display_shows_what_was_true_a_lag_ago(lag):
 @pytest.mark.parametrize(
     ("changes", "key", "why"),
     [
-        ({"swing.work.carry_rope_m": 3.0}, "swing.work.carry_rope_m", ">= 6"),
         ({"swing.work.carry_rope_m": 24.0}, "swing.work", "must not be above dig_rope_m"),
-        ({"swing.wind.mean_m_s": -3.0}, "swing.wind.mean_m_s", ">= 0"),
-        ({"clip.frame_rate_hz": 0.0}, "clip.frame_rate_hz", "0.01"),
         ({"swing.work": {"model": "hang", "jaw_deg": 95.0}}, "swing.work.jaw_deg", "<= 90"),
     ],
 )

@@ -31,14 +31,9 @@ class Visibility:
     in_frame_fraction: float
 
     @property
-    def mask(self) -> NDArray[np.bool_]:
-        """Pixels of the grab within ``visible.window``."""
-        return self.visible.shows_grab
-
-    @property
     def box(self) -> Window | None:
         """Tight box of the visible grab in the picture, half open."""
-        mask = self.mask
+        mask = self.visible.shows_grab
         if not mask.any():
             return None
         x, y = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
@@ -64,8 +59,6 @@ class Buffers:
         Ids and depth of the whole picture, as finely as labels need them, where they are wanted.
     view : View or None
         Ids and depth of the whole picture, where weather or lamps need them; a lens may move edges by half a pixel.
-    still : View or None
-        The same of what stands still alone, while camera and crane do: one object for all frames of a world.
     """
 
     projection: Projection
@@ -73,7 +66,6 @@ class Buffers:
     visibility: Visibility
     full: View | None
     view: View | None
-    still: View | None = None
 
 
 def observe(renderer: Renderer, projection: Projection, full: View | None = None) -> Visibility:

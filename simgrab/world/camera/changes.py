@@ -14,7 +14,6 @@ from simgrab.model.geometry import Array
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels of the picture, half open; may reach beyond it
 
 TILE_PX = 32
-CELL_PX = 8
 MARGIN_PX = 2
 CELLS = 512  # of a shadow map in each direction, to say where shadows may change
 MOST_BLOCKS = 150  # beyond which merging blocks would take longer than drawing all of them
@@ -92,21 +91,11 @@ def receivers(
 
 def tiles_of(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Tiles of a picture in which, or within a pixel of which, any pixel is set, shape (rows, columns)."""
-    return _any(np.asarray(cv2.dilate(pixels.view(np.uint8), np.ones((3, 3), np.uint8))), TILE_PX).astype(bool)
-
-
-def tiles_near(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tiles of a picture in which, or within `CELL_PX` of which, any pixel is set, shape (rows, columns)."""
-    cells = np.asarray(cv2.dilate(_any(pixels.view(np.uint8), CELL_PX), np.ones((3, 3), np.uint8)))
-    return _any(cells, TILE_PX // CELL_PX).astype(bool)
-
-
-def _any(values: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
-    """Whether any value is set in each square of so many rows and columns."""
-    height, width = values.shape
-    rows = np.pad(values, ((0, -height % side), (0, -width % side))).reshape(-1, side, width + -width % side)
+    near = np.asarray(cv2.dilate(pixels.view(np.uint8), np.ones((3, 3), np.uint8)))
+    height, width = near.shape
+    rows = np.pad(near, ((0, -height % TILE_PX), (0, -width % TILE_PX))).reshape(-1, TILE_PX, width + -width % TILE_PX)
     across = np.bitwise_or.reduce(rows, axis=1)
-    return np.asarray(reduce(np.bitwise_or, (across[:, i::side] for i in range(side))))
+    return np.asarray(reduce(np.bitwise_or, (across[:, i::TILE_PX] for i in range(TILE_PX))), bool)
 
 
 def rectangles(points: Array, focal_px: float, centre_px: Array, near_m: float) -> Array:

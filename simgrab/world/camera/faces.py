@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import itertools
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -29,11 +28,29 @@ Box = tuple[float, float, float, float]
 Mask = NDArray[np.uint8]
 
 
-class Face(Protocol):
-    """What characters look like at any size. A character's origin is the middle of its baseline; y points down."""
+class FileFace:
+    """The face of a font file. A character's origin is the middle of its baseline; y points down.
+
+    Parameters
+    ----------
+    data : Path or bytes
+    advances : bool
+        Whether boxes are as wide as advances: so the bundled font fits cells.
+    """
+
+    def __init__(self, data: Path | bytes, *, advances: bool = False) -> None:
+        self._sized = functools.lru_cache(maxsize=4)(functools.partial(fonts.sized, data))
+        self._advances = advances
 
     def box(self, character: str) -> Box:
         """Left, top, right and bottom of a character, without outline, relative to the font's size."""
+        x, y, font = 0, 0, self._sized(_EM)
+        if self._advances:
+            left, top, right, bottom = font.getbbox(character, anchor="ms")
+        else:
+            mask, (x, y) = font.getmask2(character, "L", anchor="ms")
+            left, top, right, bottom = mask.getbbox()
+        return (x + left) / _EM, (y + top) / _EM, (x + right) / _EM, (y + bottom) / _EM
 
     def mask(self, character: str, size: int, shape: tuple[int, int], at: tuple[float, int], outline_px: int) -> Mask:
         """Draw a character, grown by an outline, into a picture.
@@ -54,32 +71,6 @@ class Face(Protocol):
         ndarray of uint8, shape (height, width)
             255 within.
         """
-
-
-class FileFace:
-    """The face of a font file.
-
-    Parameters
-    ----------
-    data : Path or bytes
-    advances : bool
-        Whether boxes are as wide as advances: so the bundled font fits cells.
-    """
-
-    def __init__(self, data: Path | bytes, *, advances: bool = False) -> None:
-        self._sized = functools.lru_cache(maxsize=4)(functools.partial(fonts.sized, data))
-        self._advances = advances
-
-    def box(self, character: str) -> Box:  # noqa: D102
-        x, y, font = 0, 0, self._sized(_EM)
-        if self._advances:
-            left, top, right, bottom = font.getbbox(character, anchor="ms")
-        else:
-            mask, (x, y) = font.getmask2(character, "L", anchor="ms")
-            left, top, right, bottom = mask.getbbox()
-        return (x + left) / _EM, (y + top) / _EM, (x + right) / _EM, (y + bottom) / _EM
-
-    def mask(self, character: str, size: int, shape: tuple[int, int], at: tuple[float, int], outline_px: int) -> Mask:  # noqa: D102
         picture = Image.new("L", shape[::-1])
         ImageDraw.Draw(picture).text(
             at, character, fill=255, font=self._sized(size), anchor="ms", stroke_width=outline_px
@@ -93,7 +84,7 @@ def bundled() -> FileFace:
 
 
 class PenFace:
-    """A face that a convex nib writes along skeletons.
+    """A face that a convex nib writes along skeletons, with the methods of `FileFace`.
 
     Parameters
     ----------
@@ -132,6 +123,9 @@ class PenFace:
         angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
         unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return np.asarray(half * np.sign(unit) * abs(unit) ** (2 / self._power))
+
+
+Face = FileFace | PenFace
 
 
 def face(font: Font) -> Face:

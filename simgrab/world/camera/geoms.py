@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.world.camera import changes
-from simgrab.world.scenery.model import GRAB, HIDDEN, JIB, PLACE, ROPE
+from simgrab.world.scenery.model import GRAB, HIDDEN, ROPE
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +39,8 @@ class Geom:
 
     @property
     def moves(self) -> bool:
-        """Whether it belongs to the grab or the ropes."""
+        """Whether it belongs to the grab or the ropes, and not to the place or the jib head."""
         return self.group in (ROPE, GRAB)
-
-    @property
-    def stands(self) -> bool:
-        """Whether it belongs to the place or the jib head."""
-        return self.group in (PLACE, JIB)
 
 
 def boxes(model: mujoco.MjModel) -> Array:

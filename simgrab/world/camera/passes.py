@@ -195,9 +195,14 @@ class Passes:
         return target
 
     def free(self, target: Target) -> None:
-        """Free framebuffers."""
+        """Free framebuffers with colour, and what is attached to them."""
         for framebuffer in target.framebuffers.values():
-            _free(framebuffer)
+            GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+            name = GL.GL_FRAMEBUFFER_ATTACHMENT_OBJECT_NAME
+            for point in (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT):
+                attached = int(GL.glGetFramebufferAttachmentParameteriv(GL.GL_FRAMEBUFFER, point, name))
+                GL.glDeleteRenderbuffers(1, [attached])
+            GL.glDeleteFramebuffers(1, [framebuffer])
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
 
     def show(self, picture: NDArray[np.uint8]) -> None:
@@ -249,8 +254,21 @@ class Passes:
         return np.asarray(_TEXTURE_FROM_CLIP @ projection @ view)
 
     def _sun_view(self, scene: mujoco.MjvScene) -> tuple[Array, Array]:
-        sun = scene.lights[self._model.light("sun").id]
-        return _sun_view(np.array(sun.pos, float), np.array(sun.dir, float), float(self._context.shadowClip))
+        """Projection and view of the sun, shapes (4, 4), as MuJoCo has them: depth from 1 at the near plane to 0."""
+        sun, half_width = scene.lights[self._model.light("sun").id], float(self._context.shadowClip)
+        position, direction = np.array(sun.pos, float), np.array(sun.dir, float)
+        up = np.cross(direction, (-1.0, 0.0, 0.0))
+        if up @ up <= 0.01:
+            up = np.cross(direction, (0.0, 1.0, 0.0))
+        forward = direction / np.linalg.norm(direction)
+        side = np.cross(forward, up)
+        side /= np.linalg.norm(side)
+        view = np.eye(4)
+        view[:3, :3] = side, np.cross(side, forward), -forward
+        view[:3, 3] = -view[:3, :3] @ position
+        projection = np.diag([1 / half_width, 1 / half_width, 1 / (FAR_M - NEAR_M), 1.0])
+        projection[2, 3] = FAR_M / (FAR_M - NEAR_M)
+        return projection, view
 
     def _cast(self, scene: mujoco.MjvScene, framebuffer: int | None, geoms: Iterable[Geom], *, clear: bool) -> None:
         side, (projection, view) = self._context.shadowSize, self._sun_view(scene)
@@ -378,9 +396,8 @@ class Passes:
         return rgb
 
     def identify(
-        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False,
-        with_depth: bool = True,
-    ) -> tuple[NDArray[Any], ...]:  # fmt: skip
+        self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, keep: bool = False
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Draw the ids and depth of geoms, and keep them for `identify_over` or not; see `colour`.
 
         Returns
@@ -388,21 +405,21 @@ class Passes:
         ids : ndarray of uint8, shape (h, w)
             Groups of the geoms, 255 where there is none.
         depth : ndarray of float32, shape (h, w)
-            What the depth buffer has: 1 at the near plane, 0 at the far one; left out unless wanted.
+            What the depth buffer has: 1 at the near plane, 0 at the far one.
         """
         name = "kept_ids" if keep else "ids"
         self._identify(name, scene, rect, geoms, clear=True)
-        return self._read_ids(name, (0, 0, rect.width, rect.height), with_depth=with_depth)
+        return self._read_ids(name, (0, 0, rect.width, rect.height))
 
     def identify_grab_first(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Sequence[Geom]
-    ) -> tuple[NDArray[Any], ...]:
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]:
         """Draw ids of the grab alone, and then ids and depth of all: it touches nothing that is listed before it."""
         whole = (0, 0, rect.width, rect.height)
         self._identify("ids", scene, rect, [geom for geom in geoms if geom.group == GRAB], clear=True)
-        alone = self._read_ids("ids", whole, with_depth=False)
+        alone, _ = self._read_ids("ids", whole)
         self._identify("ids", scene, rect, [geom for geom in geoms if geom.group != GRAB], clear=False)
-        return alone + self._read_ids("ids", whole)
+        return alone, *self._read_ids("ids", whole)
 
     def identify_over(
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Iterable[Geom], windows: Sequence[Window]
@@ -414,8 +431,7 @@ class Passes:
         self._copy("ids", windows)
         self._identify("ids", scene, rect, moving, clear=False)
         for window in windows:
-            ids, depth = self._read_ids("ids", window)
-            yield window, ids, depth
+            yield window, *self._read_ids("ids", window)
 
     def _identify(
         self, name: str, scene: mujoco.MjvScene, rect: mujoco.MjrRect, geoms: Iterable[Geom], *, clear: bool
@@ -429,17 +445,16 @@ class Passes:
                 GL.glColor4ub(geom.group + 1, 0, 0, 255)
                 self._draw(geom, self._mesh(geom.number))
 
-    def _read_ids(self, name: str, window: Window, *, with_depth: bool = True) -> tuple[NDArray[Any], ...]:
+    def _read_ids(self, name: str, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         x, y, width, height = window[0], window[1], window[2] - window[0], window[3] - window[1]
         ids, depth = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.target[name])
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glReadPixels(x, y, width, height, GL.GL_RED, GL.GL_UNSIGNED_BYTE, array=ids)
-        if with_depth:
-            GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
+        GL.glReadPixels(x, y, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._context.offFBO)
         ids -= 1  # 0, which is nothing, becomes 255
-        return (ids, depth) if with_depth else (ids,)
+        return ids, depth
 
     def _copy(self, name: str, windows: Iterable[Window]) -> None:
         """Copy colours and depth of what is kept in windows."""
@@ -593,32 +608,6 @@ def _attach(point: Any, form: Any, size: tuple[int, int], samples: int) -> None:
     GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, point, GL.GL_RENDERBUFFER, renderbuffer)
 
 
-def _free(framebuffer: int) -> None:
-    """Free a framebuffer with colour, and what is attached to it."""
-    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
-    name = GL.GL_FRAMEBUFFER_ATTACHMENT_OBJECT_NAME
-    for point in (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT):
-        attached = int(GL.glGetFramebufferAttachmentParameteriv(GL.GL_FRAMEBUFFER, point, name))
-        GL.glDeleteRenderbuffers(1, [attached])
-    GL.glDeleteFramebuffers(1, [framebuffer])
-
-
 def _load(mode: Any, matrix: Array) -> None:
     GL.glMatrixMode(mode)
     GL.glLoadMatrixf(np.ascontiguousarray(matrix.T, np.float32))
-
-
-def _sun_view(position: Array, direction: Array, half_width: float) -> tuple[Array, Array]:
-    """Projection and view of the sun, shapes (4, 4), as MuJoCo has them: depth from 1 at the near plane to 0."""
-    up = np.cross(direction, (-1.0, 0.0, 0.0))
-    if up @ up <= 0.01:
-        up = np.cross(direction, (0.0, 1.0, 0.0))
-    forward = direction / np.linalg.norm(direction)
-    side = np.cross(forward, up)
-    side /= np.linalg.norm(side)
-    view = np.eye(4)
-    view[:3, :3] = side, np.cross(side, forward), -forward
-    view[:3, 3] = -view[:3, :3] @ position
-    projection = np.diag([1 / half_width, 1 / half_width, 1 / (FAR_M - NEAR_M), 1.0])
-    projection[2, 3] = FAR_M / (FAR_M - NEAR_M)
-    return projection, view

@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.model.geometry import Array
 from simgrab.model.layouts import Layout
 from simgrab.model.rng import stream
 from simgrab.model.scenario import AutoExposure, Dynamic, Font, GeneratedFont, Iid, Scenario, Water
@@ -19,9 +18,9 @@ from simgrab.world.camera import faces, lamps, shutter, weather
 from simgrab.world.camera.buffers import Buffers
 from simgrab.world.camera.optics import Exposure, Light, Picture, expose, metered, recompress, to_display, to_linear
 from simgrab.world.camera.overlay import Overlay
-from simgrab.world.camera.renderer import Renderer, View
+from simgrab.world.camera.renderer import Renderer
 from simgrab.world.camera.row_blocks import each_block
-from simgrab.world.camera.weather import Lamp, RenderPass, Still, Weathered
+from simgrab.world.camera.weather import Lamp, RenderPass, Weathered
 from simgrab.world.scenery.meshes.jib_access import FLOODLIGHTS
 from simgrab.world.trajectory.moment import Moment
 
@@ -48,24 +47,13 @@ class Developed:
 
 
 class Camera:
-    """The camera of a scenario: a pure function from buffers to a picture.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    """
+    """The camera of a scenario: a pure function from buffers to a picture."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._still: Still | None = None
         exposure = scenario.optics.exposure
         self.has_memory = isinstance(exposure, AutoExposure) and exposure.lag_s > 0
         """Whether the exposure of a frame that has a time depends on the frames before it in its clip."""
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether the picture is what was rendered, but for shutter and display."""
-        return self._scenario.optics.off and not self.wants_view
 
     @property
     def wants_view(self) -> bool:
@@ -82,7 +70,7 @@ class Camera:
         before : Exposure, optional
             Of the clip's frame before, where the camera `has_memory`.
         """
-        if self.is_plain:
+        if self._scenario.optics.off and not self.wants_view:
             rgb = buffers.rgb if buffers.rgb.dtype == np.uint8 else to_display(buffers.rgb)
             return Developed(self._finished(buffers, rgb), None, None)
         scenario, weathered = self._scenario, self._weathered(buffers)
@@ -133,27 +121,18 @@ class Camera:
         place = scenario.place
         rendered = RenderPass(
             light, view.depth, view.ids, k, rotation,
-            centre_m=_vector(offset),
+            centre_m=offset,
             height_m=scenario.jib.head_height_m + float(offset[2]),
             shutter_s=scenario.shutter.exposure_s,
-            grab_m=_vector(moment.grab.jib_from_grab.translation),
+            grab_m=moment.grab.jib_from_grab.translation,
             jib_from_place=moment.jib.jib_from_place if moment.jib else None,
             water_m=-place.quay_height_m if isinstance(place, Water) else None,
         )  # fmt: skip
         return weather.apply(
-            scenario.weather, rendered, seed=scenario.seed, frame=frame, still=self._kept(buffers.still),
-            clip=scenario.clip.of(frame),
+            scenario.weather, rendered, seed=scenario.seed, frame=frame, clip=scenario.clip.of(frame),
             time_s=frame / scenario.clip.frame_rate_hz if moment.time is None else moment.time,
             wind_m_s=self._wind(moment), lamps=self._lamps(moment), cargo=scenario.grab.cargo,
         )  # fmt: skip
-
-    def _kept(self, still: View | None) -> Still | None:
-        """Keep what weather makes of what stands still, for as long as that is the same."""
-        if still is None:
-            return None
-        if self._still is None or self._still.depth is not still.depth:
-            self._still = Still(still.depth, still.ids)
-        return self._still
 
     def _wind(self, moment: Moment) -> tuple[float, float, float] | None:
         """Mean wind of the physics, jib frame; None lets the weather have its own."""
@@ -167,14 +146,14 @@ class Camera:
         light = self._scenario.light
         if light.floodlights:
             each = light.floodlights / len(FLOODLIGHTS)
-            return [Lamp(_vector(position), each) for position in FLOODLIGHTS]
+            return [Lamp(position, each) for position in FLOODLIGHTS]
         if not light.sun:
             return []
         elevation = math.radians(light.sun_elevation_deg)
         azimuth = math.radians(light.sun_azimuth_deg) - (moment.jib.slew if moment.jib else 0.0)
         level = math.cos(elevation)
         towards = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
-        return [Lamp(_vector(SUN_M * towards), SUN_SHARE * light.sun)]
+        return [Lamp(SUN_M * towards, SUN_SHARE * light.sun)]
 
 
 @lru_cache(maxsize=4)  # worlds in turn have one of a few layouts
@@ -209,8 +188,3 @@ def _accumulate(total: Light, rgb: Picture, share: NDArray[np.float32], rows: sl
         light = to_linear(np.ascontiguousarray(rgb[rows])).reshape(len(share[rows]), -1)
         light *= share[rows, None]
         total[rows] += light.reshape(total[rows].shape)
-
-
-def _vector(values: Array) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in values)
-    return x, y, z

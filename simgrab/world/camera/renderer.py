@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -21,7 +19,7 @@ from simgrab.world import gl
 from simgrab.world.camera import changes, geoms
 from simgrab.world.camera.background import Background
 from simgrab.world.camera.geoms import Geom
-from simgrab.world.camera.lens import Lens, PictureMap, Window
+from simgrab.world.camera.lens import Lens, Window
 from simgrab.world.scenery.model import FAR_M, GRAB, NEAR_M, NOTHING, ROPE, World
 from simgrab.world.scenery.places.plain import PHOTOGRAPH
 from simgrab.world.trajectory.moment import Moment, Tilt
@@ -93,7 +91,6 @@ class _Aim:
     rest: Tilt
     target: Target | None = None
     still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
-    still_coarse: View | None = None
     backdrop: tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32] | None] | None = None
     photograph: int = -1
 
@@ -121,7 +118,7 @@ class _Aim:
 
 
 class Renderer:
-    """Renders moments of one world through one camera. Use as a context manager: it owns an OpenGL context.
+    """Renders moments of one world through one camera. It owns an OpenGL context: close it.
 
     For moments in which camera and crane are as the scenario has them at first (no slewing, no luffing, no shaking),
     what they show is drawn once, and then only what grab, ropes and their shadows may change. Single pixels at edges of
@@ -229,12 +226,6 @@ class Renderer:
         aim.target = aim.target or self._passes.made(aim.size, smooth=aim.smooth)
         self._aims, self._aim, self._passes.target = kept, aim, aim.target
 
-    def __enter__(self) -> Renderer:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
     def close(self) -> None:
         """Free the OpenGL context."""
         self._stack.close()
@@ -279,20 +270,32 @@ class Renderer:
 
     @property
     def has_lens(self) -> bool:
-        """Whether a lens distorts the picture, so that a `coarse_view` differs from a `view`."""
+        """Whether a lens distorts the picture, so that ids are rendered finer for labels."""
         return self._aim.lens is not None
 
-    def view(self, moment: Moment, window: Window | None = None) -> View:
-        """Render ids and depth through a window of the picture, as finely as labels need them.
+    def view(self, moment: Moment, window: Window | None = None, finer: int = LENS_SAMPLES) -> View:
+        """Render ids and depth through a window of the picture.
 
         Parameters
         ----------
         moment : Moment
         window : Window, optional
             The whole picture unless given. It may reach beyond the picture.
+        finer : int
+            How much finer what a lens bends is rendered: as labels need it unless given. With 1 the lens may move edges
+            by half a pixel.
         """
         self._gather(moment)
-        return self._view(moment, window or self.full, LENS_SAMPLES)
+        window, lens = window or self.full, self._aim.lens
+        if window == self.full and (finer == 1 or not lens):
+            ids, depth = self._draw_whole(moment)
+            if lens:
+                bent = lens.map(window)
+                ids = bent.resample(ids, cv2.INTER_NEAREST, NOTHING)
+                depth = bent.resample(depth, cv2.INTER_NEAREST, FAR_M)
+            return View(window, ids, depth)
+        ids, buffer = self._draw_through(window, self._passes.identify, finer)
+        return View(window, ids, _metres(buffer))  # of the few pixels that are left
 
     def silhouette(self, moment: Moment, window: Window, samples: int = 0) -> NDArray[np.bool_]:
         """Render the grab and what it holds through a window, as if nothing were in front of it.
@@ -310,59 +313,17 @@ class Renderer:
         ndarray of bool, shape (h·samples, w·samples)
         """
         self._gather(moment, grab_only=True)
-        draw = partial(self._passes.identify, with_depth=False)
-        if self._aim.lens is None:
-            x0, y0, x1, y1 = (max(samples, 1) * v for v in window)
-            return self._draw_tiles((x0, y0, x1, y1), max(samples, 1), draw)[0] == GRAB
-        finer = samples or LENS_SAMPLES
-        lens = self._aim.lens.map(window, finer, enlarged=samples > 0)
-        (ids,) = self._draw_tiles(lens.source, finer, draw)
-        return lens.resample(ids, cv2.INTER_NEAREST, NOTHING) == GRAB
+        if samples and self._aim.lens is None:
+            x0, y0, x1, y1 = (samples * v for v in window)
+            return self._draw_tiles((x0, y0, x1, y1), samples, self._passes.identify)[0] == GRAB
+        ids, _ = self._draw_through(window, self._passes.identify, samples or LENS_SAMPLES, enlarged=samples > 0)
+        return ids == GRAB
 
     def grab_views(self, moment: Moment, window: Window) -> tuple[NDArray[np.bool_], View]:
         """`silhouette` and `view` of one window, which take one drawing of the grab."""
         self._gather(moment)
-        lens = self._aim.lens.map(window, LENS_SAMPLES) if self._aim.lens else None
-        source, finer = (lens.source, LENS_SAMPLES) if lens else (window, 1)
-        alone, ids, buffer = self._draw_tiles(source, finer, self._passes.identify_grab_first)
-        if lens:
-            alone = lens.resample(alone, cv2.INTER_NEAREST, NOTHING)
-        view = _bent(lens, window, ids, buffer, 0.0)
-        return alone == GRAB, View(window, view.ids, _metres(view.depth))
-
-    def coarse_view(self, moment: Moment) -> View:
-        """Render ids and depth of the whole picture; a lens may move its edges by half a pixel."""
-        still, lens = self.still_view(moment), self._aim.lens
-        self._gather(moment)
-        if still is None or lens is None:
-            return self._view(moment, self.full, 1)
-        ids, depth, windows = self._draw_over()
-        bent, nearest = lens.map(self.full), cv2.INTER_NEAREST
-        return View(
-            self.full,
-            bent.resample_over(still.ids, ids, windows, nearest, NOTHING),
-            bent.resample_over(still.depth, depth, windows, nearest, FAR_M),
-        )
-
-    def still_view(self, moment: Moment) -> View | None:
-        """Coarse view of what stands still, always the same one; None while camera or crane does not."""
-        if not self._at_rest(moment):
-            return None
-        if self._aim.still_coarse is None:
-            self._gather(moment)
-            ids, depth = self._still_buffers()
-            lens = self._aim.lens.map(self.full) if self._aim.lens else None
-            self._aim.still_coarse = _bent(lens, self.full, ids[::-1], depth[::-1])
-        return self._aim.still_coarse
-
-    def _view(self, moment: Moment, window: Window, finer: int) -> View:
-        lens = self._aim.lens.map(window, finer, enlarged=False) if self._aim.lens else None
-        source = lens.source if lens else window
-        if source == self._aim.drawn and (finer == 1 or not lens):
-            return _bent(lens, window, *self._draw_whole(moment))
-        ids, buffer = self._draw_tiles(source, finer if lens else 1, self._passes.identify)
-        view = _bent(lens, window, ids, buffer, 0.0)
-        return View(window, view.ids, _metres(view.depth))  # of the few pixels that are left
+        alone, ids, buffer = self._draw_through(window, self._passes.identify_grab_first)
+        return alone == GRAB, View(window, ids, _metres(buffer))
 
     def _gather(self, moment: Moment, *, grab_only: bool = False) -> None:
         """Pose the world, and list what is drawn of it."""
@@ -393,7 +354,7 @@ class Renderer:
     def _still_buffers(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of what stands still."""
         if self._aim.still is None:
-            stand = [geom for geom in self._geoms if geom.stands]
+            stand = [geom for geom in self._geoms if not geom.moves]
             rect = self.aim(self._aim.drawn, self._scene)
             ids, buffer = self._passes.identify(self._scene, rect, stand, keep=True)
             self._aim.still = ids, _metres(buffer)
@@ -403,7 +364,7 @@ class Renderer:
         """Picture of what stands still, as drawn and through the lens; each pixel's cell of the shadow map, if any."""
         if self._aim.backdrop is None:
             scene, passes, cells = self._scene, self._passes, None
-            stand = [geom for geom in self._geoms if geom.stands]
+            stand = [geom for geom in self._geoms if not geom.moves]
             if self._aim.shadowed:
                 jib_from_camera = Pose(self._rotation, self._aim.centre).as_matrix()
                 # Rows counted from the bottom make the camera's y point upwards.
@@ -472,7 +433,7 @@ class Renderer:
             cells = changes.marked(boxes, passes.map_from_jib(scene))
             darker = changes.tiles_of(cells.ravel()[receivers])
             redrawn = [
-                (window, [geom for geom in self._geoms_in(window) if geom.stands])
+                (window, [geom for geom in self._geoms_in(window) if not geom.moves])
                 for window in changes.windows(darker, *self._aim.size, changes.PASS_PX)
             ]
             grid |= darker
@@ -484,31 +445,35 @@ class Renderer:
             rgb[y0:y1, x0:x1] = part
         if bent is None:
             return rgb[::-1]
-        return bent.resample_over(seen, rgb[::-1], self._upright(windows), cv2.INTER_CUBIC)
+        height = len(rgb)
+        upright = [(x0, height - y1, x1, height - y0) for x0, y0, x1, y1 in windows]
+        return bent.resample_over(seen, rgb[::-1], upright, cv2.INTER_CUBIC)
 
     def _draw_whole(self, moment: Moment) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Ids and depth of the undistorted picture."""
-        if self._at_rest(moment):
-            return self._draw_over()[:2]
-        rect = self.aim(self._aim.drawn, self._scene)
-        ids, buffer = self._passes.identify(self._scene, rect, self._geoms)
-        return ids[::-1], _metres(buffer)[::-1]
-
-    def _draw_over(self) -> tuple[NDArray[np.uint8], NDArray[np.float32], list[Window]]:
-        """Ids and depth at rest, and the windows in which they may differ from those of what stands still."""
         scene, passes = self._scene, self._passes
-        (still_ids, still_depth), grid = self._still_buffers(), self._covered(self._moving_boxes())
+        if not self._at_rest(moment):
+            ids, buffer = passes.identify(scene, self.aim(self._aim.drawn, scene), self._geoms)
+            return ids[::-1], _metres(buffer)[::-1]
+        still_ids, still_depth = self._still_buffers()
         ids, depth = still_ids.copy(), still_depth.copy()
+        grid = self._covered(self._moving_boxes())
         rect, windows = self.aim(self._aim.drawn, scene), changes.windows(grid, *self._aim.size, changes.COPY_PX)
         moving = [geom for geom in self._geoms if geom.moves]
         for (x0, y0, x1, y1), own, buffer in passes.identify_over(scene, rect, moving, windows):
             ids[y0:y1, x0:x1], depth[y0:y1, x0:x1] = own, _metres(buffer)
-        return ids[::-1], depth[::-1], self._upright(windows)
+        return ids[::-1], depth[::-1]
 
-    def _upright(self, windows: list[Window]) -> list[Window]:
-        """Windows of what is drawn, whose rows are counted from the bottom, with rows counted from the top."""
-        height = self._aim.size[1]
-        return [(x0, height - y1, x1, height - y0) for x0, y0, x1, y1 in windows]
+    def _draw_through(
+        self, window: Window, draw: Callable[..., tuple[NDArray[Any], ...]], finer: int = LENS_SAMPLES, *,
+        enlarged: bool = False,
+    ) -> list[NDArray[Any]]:  # fmt: skip
+        """Draw buffers of a window of the picture, ids first; behind a lens finer, as `Lens` maps them."""
+        if self._aim.lens is None:
+            return self._draw_tiles(window, 1, draw)
+        lens = self._aim.lens.map(window, finer, enlarged=enlarged)
+        drawn = self._draw_tiles(lens.source, finer, draw)
+        return [lens.resample(one, cv2.INTER_NEAREST, NOTHING if one.dtype == np.uint8 else 0.0) for one in drawn]
 
     def _draw_tiles(
         self, window: Window, finer: int, draw: Callable[..., tuple[NDArray[Any], ...]]
@@ -528,16 +493,6 @@ class Renderer:
                 for whole, part in zip(found, parts, strict=True):
                     whole[at] = part[::-1]
         return found
-
-
-def _bent(
-    lens: PictureMap | None, window: Window, ids: NDArray[np.uint8], depth: NDArray[np.float32], far: float = FAR_M
-) -> View:
-    """View of a window of the picture from what was drawn for it, bent by a lens where there is one."""
-    if lens:
-        ids = lens.resample(ids, cv2.INTER_NEAREST, NOTHING)
-        depth = lens.resample(depth, cv2.INTER_NEAREST, far)
-    return View(window, ids, depth)
 
 
 def _metres(buffer: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -21,8 +21,8 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-def each_block(height: int, work: Callable[[slice], None], rows: int = ROWS) -> None:
-    """Run work on every block of a picture's rows.
+def each_block(height: int, work: Callable[[slice], _Result]) -> list[_Result]:
+    """Run work on every block of a picture's rows, and return its results in order.
 
     Parameters
     ----------
@@ -30,10 +30,8 @@ def each_block(height: int, work: Callable[[slice], None], rows: int = ROWS) -> 
         Of the picture, px.
     work : callable
         Takes a block, and writes to no other rows.
-    rows : int
-        Height of a block, px.
     """
-    threaded_map(work, (slice(y, min(y + rows, height)) for y in range(0, height, rows)))
+    return threaded_map(work, (slice(y, min(y + ROWS, height)) for y in range(0, height, ROWS)))
 
 
 def threaded_map(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:

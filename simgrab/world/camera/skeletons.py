@@ -65,17 +65,12 @@ class Strokes:
     def _between(self, low: float, high: float) -> float:
         return float(self._rng.uniform(low, high))
 
-    def _arc(self, y: float, rx: float, ry: float, start: float, end: float, x: float = 0.0) -> Line:
+    def _arc(self, y: float, rx: float, ry: float, start: float, end: float) -> Line:
         """Part of a superellipse, angles counter-clockwise from the right, in degrees."""
         angle = np.radians(np.linspace(start, end, _ARC))
         cos, sin = np.cos(angle), np.sin(angle)
-        return np.stack(
-            [
-                x + rx * np.sign(cos) * abs(cos) ** (2 / self._power),
-                y - ry * np.sign(sin) * abs(sin) ** (2 / self._power),
-            ],
-            axis=1,
-        )
+        x = rx * np.sign(cos) * abs(cos) ** (2 / self._power)
+        return np.stack([x, y - ry * np.sign(sin) * abs(sin) ** (2 / self._power)], axis=1)
 
     def _0(self) -> Iterator[Line]:
         w = self._w

@@ -21,19 +21,13 @@ _GREY = Material("marker_arm", (0.35, 0.36, 0.38, 1.0))
 
 
 def marked(design: Design, markers: Markers) -> Design:
-    """Mount plate and target on a grab's head; its mass stays unchanged.
-
-    Parameters
-    ----------
-    design : Design
-    markers : Markers
-    """
+    """Mount plate and target on a grab's head; its mass stays unchanged."""
     parts: list[Part] = []
     ends = np.array([0.0, 0.0, float(design.terminations[0, 2])])
     if markers.plate:
-        parts += _mounted(_plate(markers.plate), ends, np.array(markers.plate.position_m), "plate")
+        parts += _mounted(_plate(markers.plate), ends, np.array(markers.plate.position_m))
     if markers.target:
-        parts += _mounted(_disc(markers.target), ends, np.array(markers.target.position_m), "target")
+        parts += _mounted(_disc(markers.target), ends, np.array(markers.target.position_m))
     if not parts:
         return design
     head, *others = design.bodies
@@ -99,7 +93,7 @@ def _disc(target: Target) -> Part:
     return Part("target", mesh, Material("marker_target", (*target.rgb, 1.0), specular=0.0, emission=0.5))
 
 
-def _mounted(part: Part, ends: Array, position: Array, name: str) -> list[Part]:
+def _mounted(part: Part, ends: Array, position: Array) -> list[Part]:
     """Put a part at its place, with an arm from below T to below it."""
     lower = np.array([0.0, 0.0, -THICKNESS_M - ARM_M / 2])
     begin, end = ends + lower, ends + position + lower
@@ -107,4 +101,4 @@ def _mounted(part: Part, ends: Array, position: Array, name: str) -> list[Part]:
     if np.linalg.norm(end - begin) < ARM_M:
         return [moved]
     arm = trimesh.creation.cylinder(ARM_M / 2, segment=(begin, end), sections=12)
-    return [moved, Part(f"{name}_arm", arm, _GREY)]
+    return [moved, Part(f"{part.name}_arm", arm, _GREY)]

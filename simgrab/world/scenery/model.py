@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Hold, Light, Scenario
+from simgrab.world.scenery.grabs.weight import spread
 from simgrab.world.scenery.meshes import ropes
 from simgrab.world.scenery.meshes.part import Material, Part, Texture, add_parts, add_textures
 from simgrab.world.scenery.plan import Plan, cargo_level
@@ -243,8 +244,7 @@ def _add_grab(spec: mujoco.MjSpec, plan: Plan) -> None:
 
 def _set_inertia(body: mujoco.MjsBody, steel: trimesh.Trimesh, mass: float) -> None:
     """Spread a body's mass evenly over the volume of its steel."""
-    solid = steel.copy()
-    solid.density = mass / solid.volume
+    solid = spread(steel, mass)
     inertia = solid.moment_inertia
     body.explicitinertial = True
     body.mass = mass

@@ -170,31 +170,18 @@ def draw_up(scenario: Scenario, draws: Draws = FIRST, place: tuple[Part, ...] | 
     )
 
 
-def adapted(plan: Plan, old: Variant, new: Variant) -> Plan | None:
-    """Adapt the plan of one variant to another; None if that needs other parts.
-
-    Raises
-    ------
-    ScenarioError
-        If the camera would be in the jib's steel.
-    """
-    if old.draws != new.draws or any(getattr(old.scenario, n) != getattr(new.scenario, n) for n in _OF_PARTS):
-        return None
-    _check_camera(new.scenario, plan.ropes)
-    straight, reach = new.scenario.camera.intrinsics.distortion.is_null, _reach(new.scenario)
-    if (straight, reach) == (plan.straight, plan.reach_m):
-        return plan
-    return replace(plan, straight=straight, reach_m=reach)
-
-
 def replanned(plan: Plan, old: Variant, new: Variant) -> Plan:
-    """Plan the world of another variant, with the same place where that does not change.
+    """Plan the world of another variant, with the same parts or the same place where these do not change.
 
     Raises
     ------
     ScenarioError
         If the camera would be in the jib's steel.
     """
+    if old.draws == new.draws and all(getattr(old.scenario, n) == getattr(new.scenario, n) for n in _OF_PARTS):
+        _check_camera(new.scenario, plan.ropes)
+        straight = new.scenario.camera.intrinsics.distortion.is_null
+        return replace(plan, straight=straight, reach_m=_reach(new.scenario))
     keys = [
         (one.draws.place, one.scenario.jib.head_height_m, *(getattr(one.scenario, n) for n in _OF_PLACE))
         for one in (old, new)

@@ -144,10 +144,6 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
         Scenario with dynamic swing, in which nothing varies.
     clip : int
     instants : callable
-
-    Yields
-    ------
-    Motion
     """
     assert isinstance(scenario.swing, Dynamic)
     course, work = ClipMotion(scenario, clip), Work(scenario, clip)

@@ -132,19 +132,9 @@ def devices_of(variant: Variant, clip: int, *, renders: bool = False) -> dict[st
 
 
 def record(scenario: Scenario, clip: int, devices: dict[str, Device]) -> Iterator[tuple[str, SensorRows]]:
-    """Record a clip with new devices; yields their rows some seconds at a time, in order for each device.
+    """Record a clip with new devices; yields each one's name and rows, some seconds at a time, in order for each.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Scenario with dynamic swing, in which nothing varies.
-    clip : int
-    devices : dict of str to Device
-
-    Yields
-    ------
-    name : str
-    rows : SensorRows
+    The scenario has dynamic swing, and nothing varies in it.
     """
     due: dict[str, Array] = {}
 

@@ -18,12 +18,7 @@ _FORGETTING = 12.0  # time constants of the slowest pole after which the start i
 
 @dataclass(frozen=True)
 class ShapingFilter:
-    """A filter H(s) = numerator/denominator, coefficients in falling powers of s (rad/s); its gain does not matter.
-
-    Attributes
-    ----------
-    numerator, denominator : tuple of float
-    """
+    """A filter H(s) = numerator/denominator, coefficients in falling powers of s (rad/s); its gain does not matter."""
 
     numerator: tuple[float, ...]
     denominator: tuple[float, ...]

@@ -3,6 +3,5 @@
 from simgrab.world.camera.weather.chain import Weathered, apply, hidden_fraction
 from simgrab.world.camera.weather.ground import Lamp
 from simgrab.world.camera.weather.render_pass import RenderPass
-from simgrab.world.camera.weather.still import Still
 
-__all__ = ["Lamp", "RenderPass", "Still", "Weathered", "apply", "hidden_fraction"]
+__all__ = ["Lamp", "RenderPass", "Weathered", "apply", "hidden_fraction"]

@@ -7,24 +7,23 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from simgrab.world.camera.weather.layer import Maker, matte
+from simgrab.world.camera.weather.layer import Layer, Maker, matte
 from simgrab.world.camera.weather.precipitation import Precipitation
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, ray_maps
-from simgrab.world.camera.weather.still import At, Seen
 from simgrab.world.scenery.model import FAR_M
 
 KOSCHMIEDER = 3.912  # −ln 0.02: what is left of a black thing's contrast at the visibility
 TABLE_STEP_M, TABLE_END_M = 0.05, FAR_M + 1
 
 
-def haze(seen: Seen, visibility_m: float | None, precipitation: Sequence[Precipitation]) -> Maker:
+def haze(rendered: RenderPass, visibility_m: float | None, precipitation: Sequence[Precipitation]) -> Maker:
     """Return the homogeneous part of the air.
 
     Light keeps exp(−∫σ ds) along its true path, and the air adds what it scatters into it (Koschmieder 1924).
 
     Parameters
     ----------
-    seen : Seen
+    rendered : RenderPass
     visibility_m : float or None
         Of the fog; None is clear air.
     precipitation : sequence of Precipitation
@@ -33,19 +32,18 @@ def haze(seen: Seen, visibility_m: float | None, precipitation: Sequence[Precipi
     fog = KOSCHMIEDER / visibility_m if visibility_m else 0.0
     total = fog + sum(p.extinction.sum() for p in precipitation)
     bright = fog + sum(p.extinction.sum() * p.brightness for p in precipitation)
-    table = _beyond_reach(precipitation)
+    table, lengths = _beyond_reach(precipitation), ray_maps(rendered.intrinsics).length
 
-    def keep(rendered: RenderPass, at: At) -> tuple[Picture]:
-        depth, length = rendered.depth[at], ray_maps(rendered.intrinsics).length[at]
+    def block(rows: slice) -> Layer:
+        depth = rendered.depth[rows]
         thickness = cv2.multiply(depth, fog)
         if precipitation:
             place = cv2.addWeighted(depth, 1 / TABLE_STEP_M, depth, 0, 0, dtype=cv2.CV_16U)
             cv2.add(thickness, cv2.LUT(place, table), dst=thickness)
-        cv2.multiply(thickness, length, dst=thickness, scale=-1.0)
-        return (cv2.exp(thickness, dst=thickness),)
+        cv2.multiply(thickness, lengths[rows], dst=thickness, scale=-1.0)
+        return matte(cv2.exp(thickness, dst=thickness), float(bright / total))
 
-    (kept,) = seen.fields("haze", keep)
-    return lambda rows: matte(kept[rows], float(bright / total))
+    return block
 
 
 def _beyond_reach(precipitation: Sequence[Precipitation]) -> Picture:

@@ -27,7 +27,6 @@ from simgrab.world.camera.weather.ground import Lamp, ground
 from simgrab.world.camera.weather.layer import Layer, Maker
 from simgrab.world.camera.weather.precipitation import Particles, Precipitation, scatter
 from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
-from simgrab.world.camera.weather.still import Seen, Still
 from simgrab.world.camera.weather.streaks import draw, expose
 from simgrab.world.camera.weather.surface import surface
 
@@ -58,7 +57,6 @@ def apply(
     *,
     seed: int,
     frame: int,
-    still: Still | None = None,
     clip: int = 0,
     time_s: float = 0.0,
     wind_m_s: Vector | None = None,
@@ -75,8 +73,6 @@ def apply(
         The rendered scene. Nothing is written into it.
     seed, frame : int
         Key the random streams of what changes from frame to frame.
-    still : Still, optional
-        What stands still in the scene: with it the same comes out sooner.
     clip : int
         Keys those of what stays on the glass. What lies on the ground is the scene's, for all clips.
     time_s : float
@@ -90,18 +86,14 @@ def apply(
         The sun and floodlights, for glints and for the particles near them.
     cargo : str
         What the dust is of.
-
-    Returns
-    -------
-    Weathered
     """
     if weather.off:
         return Weathered(rendered.light, np.zeros(rendered.depth.shape, np.float32))
     white = airlight or _airlight(rendered)
     wind = np.array(_wind(weather) if wind_m_s is None else wind_m_s)
-    seen, sheets = Seen(rendered, still), list[_Sheet]()
+    sheets = list[_Sheet]()
     if weather.wetness or weather.snow_cover:
-        sheets.append(_Sheet(ground(weather, seen, lamps, _mean(white), seed=seed), white, attenuates=False))
+        sheets.append(_Sheet(ground(weather, rendered, lamps, _mean(white), seed=seed), white, attenuates=False))
     if weather.drift_thickness:
         streamers = drift(rendered, surface(rendered), weather.drift_thickness, wind, time_s, seed=seed)
         sheets.append(_Sheet(streamers.block, _times(white, DRIFT_TINT)))
@@ -110,7 +102,7 @@ def apply(
         cloud = cloud_of_frame(rendered, thickness, radius, wind, seed=seed, frame=frame)
         sheets.append(_Sheet(dust(cloud, rendered, seed=seed), _times(white, TINT[cargo])))
     if weather.visibility_m or weather.rain_mm_h or weather.snow_mm_h:
-        sheets += (_Sheet(part, white) for part in _air(weather, seen, lamps, white, wind, seed, frame))
+        sheets += (_Sheet(part, white) for part in _air(weather, rendered, lamps, white, wind, seed, frame))
     light, keep = rendered.light, np.ones(rendered.depth.shape, np.float32)
     if weather.lens_drops or weather.lens_dirt or weather.lens_snow:
         pane = glass(weather, rendered.intrinsics, seed=seed, clip=clip)
@@ -174,7 +166,7 @@ def _times(colour: Vector, tint: Vector) -> Vector:
 
 
 def _air(
-    weather: Weather, seen: Seen, lamps: Sequence[Lamp], white: Vector, wind: Array, seed: int, frame: int
+    weather: Weather, rendered: RenderPass, lamps: Sequence[Lamp], white: Vector, wind: Array, seed: int, frame: int
 ) -> list[Maker]:
     """Fog, rain and snow: haze, and before it what falls near the camera."""
     falling = {}
@@ -182,7 +174,7 @@ def _air(
         falling["rain"] = precipitation.rain(weather.rain_mm_h)
     if weather.snow_mm_h:
         falling["snow"] = precipitation.snow(weather.snow_mm_h)
-    rendered, layers = seen.rendered, [haze(seen, weather.visibility_m, list(falling.values()))]
+    layers = [haze(rendered, weather.visibility_m, list(falling.values()))]
     for name, of in falling.items():
         rng = stream(seed, frame, f"weather.{name}")
         near = scatter(of, rendered.intrinsics, rendered.jib_from_camera, wind, rng)

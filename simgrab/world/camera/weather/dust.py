@@ -54,13 +54,12 @@ def cloud_of_frame(
     rendered: RenderPass, thickness: float, radius_m: float, wind_m_s: Array, *, seed: int, frame: int
 ) -> Cloud:
     """Return dust that the grab's jaws raised a random time ago."""
-    x, y, z = rendered.grab_m
     age = stream(seed, frame, "weather.dust.age").uniform(0, LONGEST_S)
-    return cloud((x, y, z - BELOW_GRAB_M), age, rendered, thickness, radius_m, wind_m_s)
+    return cloud(np.subtract(rendered.grab_m, (0.0, 0.0, BELOW_GRAB_M)), age, rendered, thickness, radius_m, wind_m_s)
 
 
 def cloud(
-    origin_m: Vector, age_s: float, rendered: RenderPass, thickness: float, radius_m: float, wind_m_s: Array
+    origin_m: Array, age_s: float, rendered: RenderPass, thickness: float, radius_m: float, wind_m_s: Array
 ) -> Cloud:
     """Return what has become of a puff. Its dust stays the same, so the thickness falls as the square of the radius."""
     radius = radius_m + SPREAD_M_S * age_s

@@ -154,7 +154,7 @@ def _ellipse(x: Picture, y: Picture, a: float, b: float, angle: float) -> Array:
 def _dirt(share: float, shape: tuple[int, int], focal: float, seed: int, clip: int) -> Picture:
     if not share:
         return np.zeros(shape, np.float32)
-    return noise.covered(_ranked(_glass_noise("weather.lens.dirt", shape, focal, seed, clip)), share, 0.1)
+    return _covered(_glass_noise("weather.lens.dirt", shape, focal, seed, clip), share, 0.1)
 
 
 def _rim(share: float, shape: tuple[int, int], focal: float, seed: int, clip: int) -> Picture:
@@ -165,7 +165,7 @@ def _rim(share: float, shape: tuple[int, int], focal: float, seed: int, clip: in
     y, x = np.mgrid[-1 : 1 : h * 1j, -1 : 1 : w * 1j]
     angle = stream(seed, clip, "weather.lens.snow.side").uniform(0, 2 * np.pi)
     out = np.maximum(np.abs(x), np.abs(y)) + 0.35 * (np.cos(angle) * x + np.sin(angle) * y)
-    return noise.covered(_ranked(0.5 * _glass_noise("weather.lens.snow", shape, focal, seed, clip) - out), share, 0.04)
+    return _covered(0.5 * _glass_noise("weather.lens.snow", shape, focal, seed, clip) - out, share, 0.04)
 
 
 def _glass_noise(name: str, shape: tuple[int, int], focal: float, seed: int, clip: int) -> Picture:
@@ -173,8 +173,6 @@ def _glass_noise(name: str, shape: tuple[int, int], focal: float, seed: int, cli
     return noise.look_up(noise.tile(seed, clip, name, 1.6), x, y, DIRT_SPAN_M)
 
 
-def _ranked(field: Picture) -> Picture:
-    """Ranks over [0, 1): the glass in view is covered as asked, not a larger one."""
-    ranks = np.empty(field.size, np.float32)
-    ranks[np.argsort(field, axis=None, kind="stable")] = (np.arange(field.size) + 0.5) / field.size
-    return ranks.reshape(field.shape)
+def _covered(field: Picture, share: float, softness: float) -> Picture:
+    """Cover the share of the glass in view, not of a larger one, where a field is least."""
+    return noise.covered(noise.ranked(field, within=0.5), share, softness)

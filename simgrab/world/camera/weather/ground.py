@@ -9,12 +9,12 @@ from functools import partial
 import cv2
 import numpy as np
 
+from simgrab.model.geometry import Array
 from simgrab.model.scenario import Weather
 from simgrab.world.camera.row_blocks import each_block, enlarged
 from simgrab.world.camera.weather import noise
 from simgrab.world.camera.weather.layer import Layer, Maker
-from simgrab.world.camera.weather.render_pass import Picture, RenderPass, Vector
-from simgrab.world.camera.weather.still import At, Seen
+from simgrab.world.camera.weather.render_pass import Picture, RenderPass
 from simgrab.world.camera.weather.surface import STEP, Surface, surface
 from simgrab.world.scenery.model import PLACE, ROPE
 
@@ -30,53 +30,54 @@ STEEPEST_SNOW = (0.5, 0.8)  # cosines between which less and less snow stays
 DUSTING = 0.45  # of the cover, on moving steel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lamp:
     """A lamp or the sun.
 
     Attributes
     ----------
-    position_m : tuple of 3 floats
+    position_m : ndarray, shape (3,)
         Jib frame; the sun is very far away.
     light : float
         Linear radiance of a white matte surface that faces it from the ground below the camera.
     """
 
-    position_m: Vector
+    position_m: Array
     light: float
 
 
-def ground(weather: Weather, seen: Seen, lamps: Sequence[Lamp], white: float, *, seed: int) -> Maker:
+def ground(weather: Weather, rendered: RenderPass, lamps: Sequence[Lamp], white: float, *, seed: int) -> Maker:
     """Wet the ground and lay snow on it.
 
     Parameters
     ----------
     weather : Weather
         Some wetness, from 0.5 on with puddles, or snow cover, or both.
-    seen : Seen
+    rendered : RenderPass
     lamps : sequence of Lamp
     white : float
         Linear brightness of the sky, which is the unit of the layer's glow.
     seed : int
     """
-    rendered = seen.rendered
+    height = -(-len(rendered.depth) // STEP)
     if weather.wetness:
         puddles = noise.tile(seed, 0, "weather.puddles", 1.45)
-        wet = partial(_wet, puddles, weather.wetness, lamps, white)
-        layer = Layer(*seen.fields("wet", wet, STEP, keep=not lamps))  # beside lamps, each frame has its own sky
+        wet = each_block(height, partial(_wet, puddles, weather.wetness, lamps, white, rendered))
+        layer = Layer(*map(np.concatenate, zip(*wet, strict=True)))
     if weather.snow_cover:
         patches = noise.tile(seed, 0, "weather.snow.cover", 1.5)
-        cover, pattern = seen.fields("snow", partial(_snow, patches, weather.snow_cover), STEP)
+        lying = each_block(height, partial(_snow, patches, weather.snow_cover, rendered))
+        cover, pattern = map(np.concatenate, zip(*lying, strict=True))
         snow = _lit(rendered, cover, pattern, white)
         layer = layer.behind(snow) if weather.wetness else snow
     return _enlarged(layer, rendered)
 
 
 def _wet(
-    puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float, rendered: RenderPass, at: At
+    puddles: Picture, wetness: float, lamps: Sequence[Lamp], white: float, rendered: RenderPass, rows: slice
 ) -> tuple[Picture, Picture]:
     """Darken porous ground, and let it mirror the sky and the lamps: `Layer.keep` and `Layer.glow`."""
-    on = surface(rendered, at)
+    on = surface(rendered, rows)
     share = MOST_PUDDLES * max(0.0, 2 * wetness - 1)
     pattern = noise.look_up(puddles, on.x, on.y, SPAN_M)
     puddle = noise.covered(pattern, share, 0.03) * (on.up > LEVEL)
@@ -98,7 +99,7 @@ def _wet(
     return keep, glow
 
 
-def _towards(point_m: Vector, on: Surface, ground_z: float) -> tuple[Picture, Picture, Picture]:
+def _towards(point_m: Array, on: Surface, ground_z: float) -> tuple[Picture, Picture, Picture]:
     """Return unit vectors from the surface to a point, jib frame."""
     dx, dy = np.float32(point_m[0]) - on.jib_x, np.float32(point_m[1]) - on.jib_y
     dz = np.float32(point_m[2] - ground_z) - on.height
@@ -111,7 +112,7 @@ def _slopes(squared: Picture, rms: float) -> Picture:
     return np.asarray(cv2.exp(squared * np.float32(-0.5 / rms**2)) * np.float32(1 / (2 * np.pi * rms**2)))
 
 
-def _snow(patches: Picture, cover: float, rendered: RenderPass, at: At) -> tuple[Picture, Picture]:
+def _snow(patches: Picture, cover: float, rendered: RenderPass, rows: slice) -> tuple[Picture, Picture]:
     """Lay snow on what faces upwards: fully on the place, thinly on grab and jib.
 
     Returns
@@ -119,11 +120,11 @@ def _snow(patches: Picture, cover: float, rendered: RenderPass, at: At) -> tuple
     tuple of 2 ndarrays
         Share of each pixel that it covers, and the noise that its grain follows.
     """
-    on = surface(rendered, at)
+    on = surface(rendered, rows)
     pattern = noise.look_up(patches, on.x, on.y, SPAN_M)
     low, high = STEEPEST_SNOW
     hold = np.clip((on.up - np.float32(low)) / np.float32(high - low), 0, 1)
-    ids = rendered.ids[::STEP, ::STEP][at]
+    ids = rendered.ids[::STEP, ::STEP][rows]
     steel = (ids != PLACE) & (ids <= 3)
     lying = noise.covered(pattern, cover, 0.12) * on.solid + noise.covered(pattern, DUSTING * cover, 0.5) * steel
     return (hold * lying).astype(np.float32), pattern

@@ -27,13 +27,10 @@ def tile(seed: int, index: int, name: str, exponent: float) -> Picture:
     return np.pad(ranked(field), (0, 1), mode="wrap")
 
 
-def ranked(field: Array) -> Picture:
-    """Ranks of a field's values, from 0 to below 1, of its shape."""
-    order = np.argsort(field, axis=None)
-    if (np.diff(field.ravel()[order]) == 0).any():  # equal values in the order in which they stand
-        order = np.argsort(field, axis=None, kind="stable")
+def ranked(field: Array | Picture, within: float = 0.0) -> Picture:
+    """Ranks of a field's values, of its shape: that of the k-th least is (k + within) / size. Equal ones keep order."""
     ranks = np.empty(field.size, np.float32)
-    ranks[order] = np.arange(field.size, dtype=np.float32) / field.size
+    ranks[np.argsort(field, axis=None, kind="stable")] = (np.arange(field.size) + within) / field.size
     return ranks.reshape(field.shape)
 
 

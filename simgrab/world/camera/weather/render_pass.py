@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array, Intrinsics, Pose
 
-_ROWS = 8  # at a time, in double precision: the processor's cache holds them
-
 Picture = NDArray[np.float32]
 Vector = tuple[float, float, float]
 
@@ -31,13 +29,13 @@ class RenderPass:
     intrinsics : Intrinsics
     jib_from_camera : ndarray, shape (3, 3)
         Rotation.
-    centre_m : tuple of 3 floats
+    centre_m : ndarray, shape (3,)
         Camera centre, jib frame.
     height_m : float
         Of the camera above the ground.
     shutter_s : float
         Exposure time.
-    grab_m : tuple of 3 floats
+    grab_m : ndarray, shape (3,)
         Grab centre, jib frame.
     jib_from_place : Pose or None
         Pose of what stands on the ground; None where it never moves.
@@ -50,10 +48,10 @@ class RenderPass:
     ids: NDArray[np.uint8]
     intrinsics: Intrinsics
     jib_from_camera: Array
-    centre_m: Vector
+    centre_m: Array
     height_m: float
     shutter_s: float
-    grab_m: Vector
+    grab_m: Array
     jib_from_place: Pose | None = None
     water_m: float | None = None
 
@@ -77,13 +75,5 @@ class RayMaps:
 @lru_cache(maxsize=2)
 def ray_maps(intrinsics: Intrinsics) -> RayMaps:
     """Compute the rays of a camera, once."""
-    centres = intrinsics.normalised_centres()
-    maps = [np.empty(centres.shape[:2], np.float32) for _ in range(3)]
-
-    for first in range(0, len(centres), _ROWS):
-        rows = slice(first, first + _ROWS)
-        x, y = np.moveaxis(centres[rows], -1, 0)
-        length = np.sqrt(x * x + y * y + 1)
-        z = 1 / length
-        maps[0][rows], maps[1][rows], maps[2][rows] = x / length / z, y / length / z, 1 / z
-    return RayMaps(*maps)
+    x, y = np.moveaxis(intrinsics.normalised_centres(), -1, 0)
+    return RayMaps(*(part.astype(np.float32) for part in (x, y, np.sqrt(x * x + y * y + 1))))

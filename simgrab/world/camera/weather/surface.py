@@ -52,15 +52,17 @@ def coarse_rays(intrinsics: Intrinsics) -> RayMaps:
     return RayMaps(*(np.ascontiguousarray(m[::STEP, ::STEP]) for m in (rays.x, rays.y, rays.length)))
 
 
-def surface(rendered: RenderPass, at: tuple[slice, slice] = (WHOLE, WHOLE)) -> Surface:
-    """Find the surfaces from depth, all or in some rows and columns of every second."""
+def surface(rendered: RenderPass, rows: slice = WHOLE) -> Surface:
+    """Find the surfaces from depth, all or in some of every second row."""
     rays = coarse_rays(rendered.intrinsics)
-    near, inside = zip(*(_around(side, n) for side, n in zip(at, rays.x.shape, strict=True)), strict=True)
+    first, last, _ = rows.indices(len(rays.x))
+    near = slice(max(first - 1, 0), min(last + 1, len(rays.x)))  # normals need the neighbours
+    inside = slice(first - near.start, last - near.start)
     around = np.ascontiguousarray(rendered.depth[::STEP, ::STEP][near])
     rotation = rendered.jib_from_camera.astype(np.float32)
     up = _up(rays.x[near], rays.y[near], around, rotation[2])[inside]
-    x, y, depth = rays.x[at], rays.y[at], around[inside]
-    ids = rendered.ids[::STEP, ::STEP][at]
+    x, y, depth = rays.x[rows], rays.y[rows], around[inside]
+    ids = rendered.ids[::STEP, ::STEP][rows]
     jib_x, jib_y, below = (depth * (r[0] * x + r[1] * y + r[2]) for r in rotation)
     jib_x, jib_y = jib_x + np.float32(rendered.centre_m[0]), jib_y + np.float32(rendered.centre_m[1])
     height = below + np.float32(rendered.height_m)
@@ -68,13 +70,6 @@ def surface(rendered: RenderPass, at: tuple[slice, slice] = (WHOLE, WHOLE)) -> S
     if rendered.water_m is not None:
         solid &= height > rendered.water_m + WAVES_M
     return Surface(*_anchored(rendered, jib_x, jib_y, ids), jib_x, jib_y, height, up, solid)
-
-
-def _around(side: slice, length: int) -> tuple[slice, slice]:
-    """Rows or columns with their neighbours, which normals need, and where among these they are."""
-    first, last, _ = side.indices(length)
-    near = slice(max(first - 1, 0), min(last + 1, length))
-    return near, slice(first - near.start, last - near.start)
 
 
 def _anchored(rendered: RenderPass, x: Picture, y: Picture, ids: NDArray[np.uint8]) -> tuple[Picture, Picture]:

@@ -17,7 +17,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.weight import Mass, Weight, weighed
+from simgrab.world.scenery.grabs.weight import Mass, Weight, spread, together
 from simgrab.world.scenery.meshes.part import Part
 
 #: Fills of the closed grab for which there is a heap.
@@ -179,15 +179,16 @@ class Design:
 
     @cached_property
     def _weight(self) -> Weight:
-        heaps = dict(zip(CARGO_LEVELS, self.heaps("coal", np.random.default_rng(0)), strict=False))
-        jaws = np.linspace(0.0, self.max_jaw, 5).tolist() if self.max_jaw else [0.0]
-        bodies = [(body.name, body.solid, body.mass_kg) for body in self.bodies]
-        return weighed(
-            [(jaw, [(steel, mass, frames[name]) for name, steel, mass in bodies])
-             for jaw, frames in ((jaw, self.frames(jaw)) for jaw in jaws)],
-            {level: heap.mesh for level, heap in heaps.items()},
-            self.cargo_kg,
-        )  # fmt: skip
+        solids = {body.name: spread(body.solid, body.mass_kg) for body in self.bodies}
+        jaws, loads = [], []
+        for jaw in np.linspace(0.0, self.max_jaw, 5).tolist() if self.max_jaw else [0.0]:
+            frames = self.frames(jaw)
+            mass, centre, inertia = together([(solid, frames[name]) for name, solid in solids.items()])
+            jaws.append((jaw, float(centre[2]), *np.diag(inertia).tolist()))
+        for fill, heap in zip(CARGO_LEVELS, self.heaps("coal", np.random.default_rng(0)), strict=False):
+            solid = spread(heap.mesh, 1.0)
+            loads.append((fill, float(solid.center_mass[2]), *np.diag(solid.moment_inertia).tolist()))
+        return Weight(mass, self.cargo_kg if loads else 0.0, jaws, loads)
 
     @cached_property
     def depth_m(self) -> float:
@@ -204,18 +205,9 @@ class Design:
         frames = self.frames(0.0)
         points = np.concatenate([trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in self.bodies])
         # The mean outline of a convex body upright, over all horizontal directions, by eight of them.
-        areas = [_outline_area(points @ _across(a)) for a in np.arange(8) * np.pi / 8]
-        return AIR_DRAG * float(np.mean(areas))
-
-
-def _across(azimuth: float) -> Array:
-    """Axes (3, 2) of the picture that a horizontal view shows."""
-    return np.array([[np.cos(azimuth), 0.0], [np.sin(azimuth), 0.0], [0.0, 1.0]])
-
-
-def _outline_area(points: Array) -> float:
-    """Area of the convex hull of points, shape (n, 2)."""
-    return float(shapely.convex_hull(shapely.MultiPoint(points)).area)
+        azimuths = np.arange(8) * np.pi / 8
+        views = (points @ [[np.cos(a), 0.0], [np.sin(a), 0.0], [0.0, 1.0]] for a in azimuths)
+        return AIR_DRAG * float(np.mean([shapely.convex_hull(shapely.MultiPoint(view)).area for view in views]))
 
 
 def _turn(axis: Sequence[float], angle: float) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 import trimesh
 from numpy.typing import NDArray
+from trimesh.transformations import translation_matrix
 
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Shaped
@@ -93,8 +94,7 @@ def hinged(
 
 def placed(parts: Sequence[Part], origin: Sequence[float]) -> list[Part]:
     """Move parts from the closed grab into the frame of a body whose origin is there."""
-    pose = np.eye(4)
-    pose[:3, 3] = -np.asarray(origin)
+    pose = translation_matrix(-np.asarray(origin))
     return [part.moved(pose) for part in parts]
 
 
@@ -130,8 +130,7 @@ def standing(
     bounds = [trimesh.transform_points(b.steel.vertices, frames[b.name])[:, 2] for b in bodies]
     low, high = min(float(z.min()) for z in bounds), max(float(z.max()) for z in bounds)
     down = np.array([0.0, 0.0, -(low + high) / 2])
-    pose = np.eye(4)
-    pose[:3, 3] = down
+    pose = translation_matrix(down)
     head, *others = bodies
     shifted = [replace(head, parts=[part.moved(pose) for part in head.parts])]
     for one in others:

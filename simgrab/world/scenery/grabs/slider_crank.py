@@ -33,33 +33,37 @@ class LinkageState:
 
 
 @dataclass(frozen=True)
-class SliderCrank:
+class _Pins:
     """Pins of a closed grab, m, in the plane of one jaw.
 
     Attributes
     ----------
     hinge : tuple of 2 floats
-        The jaw's pin in the beam, (x, z), grab frame.
+        The jaw's pin, (x, z), grab frame.
     head_pin : tuple of 2 floats
-        The arm's pin in the head, (x, z), grab frame.
+        The pin in the head of the arm or cylinder, (x, z), grab frame.
     jaw_pin : tuple of 2 floats
-        The arm's pin in the jaw, (x, z), from the hinge.
+        Its pin in the jaw, (x, z), from the hinge.
     """
 
     hinge: tuple[float, float]
     head_pin: tuple[float, float]
     jaw_pin: tuple[float, float]
 
-    @cached_property
-    def _arm(self) -> tuple[float, float]:
-        """Vector from the head's pin to the jaw's, closed."""
+    def _span(self, jaw: float) -> tuple[float, float]:
+        """Vector from the head's pin to the jaw's, if the jaw turns about a fixed hinge."""
+        c, s = np.cos(jaw), np.sin(jaw)
         (hx, hz), (ax, az), (x, z) = self.hinge, self.head_pin, self.jaw_pin
-        return hx + x - ax, hz + z - az
+        return float(hx + x * c - z * s - ax), float(hz + x * s + z * c - az)
+
+
+class SliderCrank(_Pins):
+    """A jaw hinged to the beam, with an arm to the head."""
 
     @cached_property
     def arm_m(self) -> float:
         """Length of the arm, between its pins."""
-        return float(np.hypot(*self._arm))
+        return float(np.hypot(*self._span(0.0)))
 
     def at(self, jaw: float) -> LinkageState:
         """Solve for an opening of the jaw, rad.
@@ -69,36 +73,18 @@ class SliderCrank:
         ValueError
             If the arm is too short for this opening.
         """
-        c, s = np.cos(jaw), np.sin(jaw)
         x, z = self.jaw_pin
-        reach = self.hinge[0] + x * c - z * s - self.head_pin[0]
+        reach, (x0, z0) = self._span(jaw)[0], self._span(0.0)
         if abs(reach) > self.arm_m:
             raise ValueError(f"the arm of {self.arm_m:.3f} m does not let the jaw open by {jaw:.4f} rad")
         drop = np.sqrt(self.arm_m**2 - reach**2)
-        beam_z = self.head_pin[1] - drop - (x * s + z * c)
-        arm_angle = np.arctan2(self._arm[0], -self._arm[1]) - np.arctan2(reach, drop)
+        beam_z = self.head_pin[1] - drop - (x * np.sin(jaw) + z * np.cos(jaw))
+        arm_angle = np.arctan2(x0, -z0) - np.arctan2(reach, drop)
         return LinkageState(float(beam_z), -float(jaw), float(arm_angle))
 
 
-@dataclass(frozen=True)
-class Cylinder:
-    """A hydraulic cylinder between a fixed head and a jaw that is hinged to it, in the plane of the jaw, m.
-
-    Attributes
-    ----------
-    hinge, head_pin, jaw_pin : tuple of 2 floats
-        As for `SliderCrank`.
-    """
-
-    hinge: tuple[float, float]
-    head_pin: tuple[float, float]
-    jaw_pin: tuple[float, float]
-
-    def _span(self, jaw: float) -> tuple[float, float]:
-        """Vector from the head's pin to the jaw's."""
-        c, s = np.cos(jaw), np.sin(jaw)
-        (hx, hz), (ax, az), (x, z) = self.hinge, self.head_pin, self.jaw_pin
-        return float(hx + x * c - z * s - ax), float(hz + x * s + z * c - az)
+class Cylinder(_Pins):
+    """A hydraulic cylinder between a head and a jaw that is hinged to it."""
 
     def length_m(self, jaw: float) -> float:
         """Distance between the pins at an opening, rad."""

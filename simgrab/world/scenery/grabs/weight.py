@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -55,40 +55,14 @@ class Weight:
         return Mass(total, z, (x + aside, y + aside, about))
 
 
-def weighed(
-    openings: Sequence[tuple[float, Sequence[tuple[trimesh.Trimesh, float, Array]]]],
-    heaps: Mapping[float, trimesh.Trimesh],
-    cargo_kg: float,
-) -> Weight:
-    """Compute mass properties.
-
-    Parameters
-    ----------
-    openings : sequence of (float, sequence of (Trimesh, float, ndarray))
-        Opening, rad, and for each body its steel, over whose volume the mass is spread evenly, the mass, kg, and
-        ``grab_from_body``, shape (4, 4).
-    heaps : mapping of float to Trimesh
-        Cargo in the grab frame, by fill.
-    cargo_kg : float
-    """
-    jaws = []
-    for jaw, bodies in openings:
-        mass, centre, inertia = _together([(_spread(mesh, kg), pose) for mesh, kg, pose in bodies])
-        jaws.append((jaw, float(centre[2]), *(float(i) for i in np.diag(inertia))))
-    loads = []
-    for fill, heap in heaps.items():
-        solid = _spread(heap, 1.0)
-        loads.append((fill, float(solid.center_mass[2]), *(float(i) for i in np.diag(solid.moment_inertia))))
-    return Weight(mass, cargo_kg if heaps else 0.0, jaws, loads)
-
-
-def _spread(mesh: trimesh.Trimesh, mass: float) -> trimesh.Trimesh:
+def spread(mesh: trimesh.Trimesh, mass: float) -> trimesh.Trimesh:
+    """Return a mesh over whose volume a mass, kg, is spread evenly."""
     solid = mesh.copy()
     solid.density = mass / solid.volume
     return solid
 
 
-def _together(solids: Sequence[tuple[trimesh.Trimesh, Array]]) -> tuple[float, Array, Array]:
+def together(solids: Sequence[tuple[trimesh.Trimesh, Array]]) -> tuple[float, Array, Array]:
     """Mass, centre of mass and inertia about it of solids, each with its pose."""
     masses = np.array([solid.mass for solid, _ in solids])
     centres = np.array([pose[:3, :3] @ solid.center_mass + pose[:3, 3] for solid, pose in solids])

@@ -84,10 +84,6 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
         "coal", "ore", "grain", "bauxite" or "sulphur".
     rng : numpy.random.Generator
         Generator that shifts the masks, so that wear differs between grabs.
-
-    Returns
-    -------
-    Finish
     """
     if cargo not in _DUST:
         raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(_DUST))}")
@@ -110,40 +106,33 @@ def _mixed(paint: Colour, wear: float, residue: float, cargo: str, shift: tuple[
     masks = np.roll(_picture("wear"), shift, axis=(0, 1))
     lost, tone, dust = masks[..., 0], masks[..., 1], masks[..., 2]
     rust, bright, grease = (_picture(name) for name in ("rust", "worn_steel", "grease"))
-    dusty = _Dust(np.array(_DUST[cargo]), residue, dust)
+    colour = np.array(_DUST[cargo])
     height = np.linspace(1.0, 0.0, _SIZE)[:, None]  # 1 at the rim, 0 at the lip
     ground = np.clip((0.10 + 0.45 * wear - height) / 0.12, 0.0, 1.0)  # what the cargo keeps bright
     local = np.clip(wear * (0.35 + 1.6 * (1.0 - height) ** 2) + 0.9 * ground, 0.0, 1.0)
 
+    def dusty(picture: Picture, stick: float = 1.0) -> Picture:
+        """Cover a picture: a thin film everywhere, thick patches where the mask says."""
+        patch = _step(dust, 1.0 - 0.75 * residue * stick, 0.15)
+        cover = np.clip(0.3 * residue * stick + 0.65 * patch * min(1.0, 2 * residue), 0.0, 0.92)[..., None]
+        return (1.0 - cover) * picture + cover * colour * (0.85 + 0.3 * dust[..., None])
+
     painted = _paint(np.array(paint), tone)
-    body = dusty.on(_worn(painted, lost, np.full_like(lost, wear), rust, bright))
-    stripes = dusty.on(_worn(_paint(_stripes(), tone), lost, np.full_like(lost, wear), rust, bright))
-    shell = dusty.on(_worn(painted, lost, local, rust, bright))
+    body = dusty(_worn(painted, lost, np.full_like(lost, wear), rust, bright))
+    stripes = dusty(_worn(_paint(_stripes(), tone), lost, np.full_like(lost, wear), rust, bright))
+    shell = dusty(_worn(painted, lost, local, rust, bright))
     rubbed = np.clip(1.15 - 0.9 * height - 0.5 * tone, 0, 1)[..., None]
-    lining = dusty.on(0.8 * (rubbed * bright + (1 - rubbed) * rust), 1.3)
+    lining = dusty(0.8 * (rubbed * bright + (1 - rubbed) * rust), 1.3)
     pictures = {
         "body": body,
         "hazard": stripes,
-        "plate": dusty.on(_plate() * (0.85 + 0.15 * tone[..., None]), 0.5),
-        "dark": dusty.on(grease, 0.6),
+        "plate": dusty(_plate() * (0.85 + 0.15 * tone[..., None]), 0.5),
+        "dark": dusty(grease, 0.6),
         "shell": shell,
         "lining": lining,
-        "lip": dusty.on(1.12 * bright, 0.4),
+        "lip": dusty(1.12 * bright, 0.4),
     }
     return {name: _texture(picture) for name, picture in pictures.items()}
-
-
-@dataclass(frozen=True, eq=False)
-class _Dust:
-    colour: Picture
-    residue: float
-    mask: Picture
-
-    def on(self, picture: Picture, stick: float = 1.0) -> Picture:
-        """Cover a picture: a thin film everywhere, thick patches where the mask says."""
-        patch = _step(self.mask, 1.0 - 0.75 * self.residue * stick, 0.15)
-        cover = np.clip(0.3 * self.residue * stick + 0.65 * patch * min(1.0, 2 * self.residue), 0.0, 0.92)[..., None]
-        return (1.0 - cover) * picture + cover * self.colour * (0.85 + 0.3 * self.mask[..., None])
 
 
 def _worn(painted: Picture, lost: Picture, wear: Picture, rust: Picture, bright: Picture) -> Picture:

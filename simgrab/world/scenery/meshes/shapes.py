@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 Axis = Literal["x", "y", "z"]
 
@@ -71,14 +71,12 @@ def pin(x: float, z: float, y_low: float, y_high: float, radius: float, head: fl
     return join(pieces)
 
 
-def profile(
-    section: shapely.Polygon, start: ArrayLike, end: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
-) -> trimesh.Trimesh:
-    """Run a section from one point to another; its second coordinate points along ``up``, its origin on the line."""
-    a, b, u = (np.asarray(v, float) for v in (start, end, up))
+def profile(section: shapely.Polygon, start: ArrayLike, end: ArrayLike) -> trimesh.Trimesh:
+    """Run a section from one point to another; its second coordinate points upwards, its origin on the line."""
+    a, b = np.asarray(start, float), np.asarray(end, float)
     length = float(np.linalg.norm(b - a))
     along = (b - a) / length
-    side = np.cross(u, along)
+    side = np.cross((0.0, 0.0, 1.0), along)
     side /= np.linalg.norm(side)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([side, np.cross(along, side), along], axis=1)
@@ -124,14 +122,7 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
 
 def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
     """Put closed meshes into one, vertices unmerged, so that it stays watertight."""
-    vertices: list[NDArray[np.float64]] = []
-    faces: list[NDArray[np.int64]] = []
-    count = 0
-    for mesh in meshes:
-        vertices.append(np.asarray(mesh.vertices))
-        faces.append(np.asarray(mesh.faces) + count)
-        count += len(mesh.vertices)
-    return solid(np.concatenate(vertices), np.concatenate(faces))
+    return trimesh.util.concatenate(list(meshes))
 
 
 def at_y(mesh: trimesh.Trimesh, *places: float) -> trimesh.Trimesh:
@@ -150,10 +141,9 @@ def half_turn(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return solid(np.asarray(mesh.vertices) * (-1.0, -1.0, 1.0), mesh.faces)
 
 
-def rounded(polygon: shapely.Polygon, convex: float = 0.0, concave: float = 0.0) -> shapely.Polygon:
-    """Round the corners of a polygon to the given radii, metres."""
-    smooth = polygon.buffer(concave, quad_segs=4).buffer(-concave - convex, quad_segs=4).buffer(convex, quad_segs=4)
-    return smooth.simplify(0.001)
+def rounded(polygon: shapely.Polygon, radius: float) -> shapely.Polygon:
+    """Round the convex corners of a polygon to a radius, metres."""
+    return polygon.buffer(-radius, quad_segs=4).buffer(radius, quad_segs=4).simplify(0.001)
 
 
 def hull(*shapes: shapely.Geometry) -> shapely.Polygon:
@@ -166,8 +156,9 @@ def circle(x: float, z: float, radius: float, quarter: int = 5) -> shapely.Polyg
     return shapely.Point(x, z).buffer(radius, quad_segs=quarter)
 
 
-def bent_rod(bend_radius: float, radius: float, steps: int, sections: int = 8) -> trimesh.Trimesh:
+def bent_rod(bend_radius: float, radius: float, steps: int) -> trimesh.Trimesh:
     """Return a quarter of a round bar about the y axis through the origin, from +x to +z."""
+    sections = 8
     angle = np.linspace(0.0, np.pi / 2, steps + 1)[:, None]
     turn = np.arange(sections) * 2 * np.pi / sections
     reach = bend_radius + radius * np.cos(turn)

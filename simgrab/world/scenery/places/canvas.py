@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgrab.world.scenery.meshes.part import Paint
+from simgrab.world.scenery.places.heap import Cargo
+from simgrab.world.scenery.textures import load
 
 Picture = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -51,9 +53,9 @@ def shrunk(tile: Picture, scale: float) -> Picture:
     return np.asarray(cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def toned(picture: Picture, drawn: Sequence[Plane], level: int, span: int, norm: int, cells: int = 256) -> Picture:
+def toned(picture: Picture, drawn: Sequence[Plane], level: int, span: int, norm: int) -> Picture:
     """Multiply a square picture by smooth noise: level ± span/2 over norm, of what `noise` has drawn."""
-    tone = (level + span * (cloud((cells, cells), drawn) - 0.5)).astype(np.uint8)
+    tone = (level + span * (cloud((256, 256), drawn) - 0.5)).astype(np.uint8)
     tone = np.asarray(cv2.resize(tone, picture.shape[:2]))
     return np.asarray(cv2.multiply(picture, cv2.merge([tone] * 3), scale=1 / norm), np.uint8)
 
@@ -258,31 +260,25 @@ class Canvas:
                 self._spill[y0:y1, x0:x1], full[y0 - top : y1 - top, x0 - left : x1 - left]
             )
 
-    def finish(
-        self, cargo: Picture | None, cargo_per_m: float, *, tint: tuple[float, float, float] = (1, 1.04, 1.1)
-    ) -> Paint:
-        """Return what paints all, with dirt and cargo; ``cargo`` is a tile of ``cargo_per_m`` pixels a metre."""
+    def finish(self, cargo: Cargo | None = None) -> Paint:
+        """Return what paints all, with dirt and the cargo that was spilt."""
         scattered = None if cargo is None else self._scattered()
-        return cache(lambda: self._finished(cargo, cargo_per_m, tint, scattered))
+        return cache(lambda: self._finished(cargo, scattered))
 
-    def _finished(
-        self, cargo: Picture | None, cargo_per_m: float, tint: tuple[float, float, float], scattered: _Scattered | None
-    ) -> Picture:
+    def _finished(self, cargo: Cargo | None, scattered: _Scattered | None) -> Picture:
         self._paint_strokes()
         base = self.picture
         n = len(base)
         broken = cv2.resize(self._wear, self._dirt.shape[::-1])
         depth = cv2.convertScaleAbs(self._dirt * (0.45 + 1.1 * broken), alpha=100)
-        lut = np.exp(-np.arange(256)[:, None] / 100 * np.array(tint)) * 255
+        lut = np.exp(-np.arange(256)[:, None] / 100 * np.array((1, 1.04, 1.1))) * 255
         shade = cv2.LUT(cv2.merge([depth] * 3), lut.astype(np.uint8)[None])
         shade = cv2.resize(shade, (n, n))
         picture = cv2.multiply(base, shade, scale=1 / 255)
         del self.picture, self._dirt, self._wear  # a world keeps its textures, not what they were made of
         if cargo is None or scattered is None:
             return np.asarray(picture, np.uint8)
-        tile = cv2.resize(
-            cargo, None, fx=self.per_m / cargo_per_m, fy=self.per_m / cargo_per_m, interpolation=cv2.INTER_AREA
-        )
+        tile = shrunk(load(cargo.texture), self.per_m / (1024 / cargo.tile_m))
         (y0, y1, x0, x1), drawn, grit = scattered
         shape = (y1 - y0, x1 - x0)
         repeat = [-(-s // t) for s, t in zip(shape, tile.shape[:2], strict=True)]

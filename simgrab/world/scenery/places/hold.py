@@ -43,7 +43,7 @@ def hold(place: Hold, *, head_height: float, rng: np.random.Generator) -> list[P
     edge_y = ship.HALF_BEAM - aside + 0.95
     quay = apron.apron(edge_y, pixels=2048, wear=place.wear, rng=rng)
     shore = [
-        *apron.ground(quay, Material("apron", texture=quay.canvas.finish(None, 1.0), specular=0.0)),
+        *apron.ground(quay, Material("apron", texture=quay.canvas.finish(), specular=0.0)),
         *apron.edge(quay, water_z, float(rng.uniform(-3, 3))),
     ]
     placed += [p.moved(pose(0, 0, 0, np.pi)) for p in shore]
@@ -184,7 +184,7 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
         canvas.grime(outline(s * half_l, -half_b, s * (half_l - 1.6), half_b), 0.6, blur=0.9)
     for _ in range(24):
         canvas.blot(rng.uniform(-12, 12, 2), float(rng.uniform(0.3, 1.6)), float(rng.uniform(0.1, 0.35)))
-    finished = canvas.finish(load(cargo.texture), 1024 / cargo.tile_m)
+    finished = canvas.finish(cargo)
     # The eye of the camera opens to the hold; the renderer knows no light between walls.
     picture = cache(lambda: np.asarray(cv2.convertScaleAbs(finished(), alpha=1.45), np.uint8))
     dim = 1.0 - 0.22 * (1 - place.fill)  # less sky reaches the bottom of an empty hold

@@ -12,7 +12,6 @@ from simgrab.world.scenery.places import apron, clutter, hopper, materials, sea,
 from simgrab.world.scenery.places.canvas import cloud, noise
 from simgrab.world.scenery.places.heap import CARGOES, Cargo, Field, pile
 from simgrab.world.scenery.places.shapes import box, join, loft, outline, pose, rectangle, sheet
-from simgrab.world.scenery.textures import load
 
 LANE = 5.25  # from the seaward rail to the middle of the lane between the rails, metres
 
@@ -27,7 +26,7 @@ def quay(place: Quay, *, head_height: float, rng: np.random.Generator) -> list[P
     heap = _heap(place, cargo, site.rails_y[1], rng)
     parts = [*_receiver(place, site, cargo, rng), *_clutter(site, heap.x[-1] - 1.5, rng), *_trench(site)]
     _strew(site, place, heap, rng)
-    surface = Material("apron", texture=canvas.finish(load(cargo.texture), 1024 / cargo.tile_m), specular=0.0)
+    surface = Material("apron", texture=canvas.finish(cargo), specular=0.0)
     if place.pile_height_m > 0:
         mesh = sheet(heap.x, heap.y, heap.field, bottom=-0.4)
         parts.append(Part("pile", mesh, surface, canvas.uv(mesh.vertices)))

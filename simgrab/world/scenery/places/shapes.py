@@ -10,6 +10,8 @@ import shapely
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from simgrab.world.scenery.meshes import shapes as steel
+
 Vector = NDArray[np.float64]
 
 
@@ -47,25 +49,12 @@ def beam(start: ArrayLike, end: ArrayLike, width: float, height: float) -> trime
 
 def prism(outline: Sequence[Sequence[float]] | shapely.Polygon, low: float, high: float) -> trimesh.Trimesh:
     """Extrude an outline in the xy plane (metres; a polygon may have holes) from z = low to z = high."""
-    polygon = outline if isinstance(outline, shapely.Polygon) else shapely.Polygon(outline)
-    mesh = trimesh.creation.extrude_polygon(polygon, high - low)
-    mesh.apply_translation((0, 0, low))
-    return mesh
+    return steel.prism(shapely.Polygon(outline), low, high, "z")
 
 
 def profile(outline: Sequence[Sequence[float]], start: ArrayLike, end: ArrayLike) -> trimesh.Trimesh:
     """Extrude an outline of (sideways, up) points along a level line; sideways is to the left of the way, metres."""
-    start, end = np.asarray(start, float), np.asarray(end, float)
-    along = end - start
-    length = float(np.linalg.norm(along))
-    mesh = prism(outline, 0.0, length)
-    pose = np.eye(4)
-    pose[:3, 2] = along / length
-    pose[:3, 0] = np.cross([0.0, 0.0, 1.0], pose[:3, 2])
-    pose[:3, 1] = np.cross(pose[:3, 2], pose[:3, 0])
-    pose[:3, 3] = start
-    mesh.apply_transform(pose)
-    return mesh
+    return steel.profile(shapely.Polygon(outline), start, end)
 
 
 def across(outline: Sequence[Sequence[float]], y0: float, y1: float) -> trimesh.Trimesh:
@@ -137,8 +126,9 @@ def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int = 8) -> trime
     return join(solids)
 
 
-def railing(points: Sequence[ArrayLike], *, height: float = 1.1, spacing: float = 1.5) -> trimesh.Trimesh:
-    """Handrail along a polyline of foot points: posts, a top rail and two middle rails, metres."""
+def railing(points: Sequence[ArrayLike], *, spacing: float) -> trimesh.Trimesh:
+    """Handrail, 1.1 m, along a polyline of foot points: posts, a top rail and two middle rails, metres."""
+    height = 1.1
     p = [np.asarray(q, float) for q in points]
     solids = []
     for a, b in pairwise(p):

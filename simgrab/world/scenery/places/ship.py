@@ -81,8 +81,7 @@ def deck(
             canvas.stripe((-24, s * edge), (24, s * edge), 0.08, (150, 142, 110), wear=0.35 + 0.4 * wear)
     if cargo is not None and is_open:
         _scatter(canvas, wear, rng)
-    picture = canvas.finish(None if cargo is None else load(cargo.texture), 1024 / (cargo.tile_m if cargo else 1.0))
-    plating = Material("deck plating", texture=picture, specular=0.03)
+    plating = Material("deck plating", texture=canvas.finish(cargo), specular=0.03)
     hole = ring(0.0) if is_open else None
     parts = []
     cuts = [-FAR, -72.0, -24.0, 24.0, 72.0, FAR]

@@ -26,7 +26,7 @@ def water(place: Water, *, head_height: float, rng: np.random.Generator) -> list
     first = float(rng.uniform(-3, 3))
     quay = apron.apron(-wall, pixels=3072, wear=0.5, rng=rng)
     shore = [
-        *apron.ground(quay, Material("apron", texture=quay.canvas.finish(None, 1.0), specular=0.0)),
+        *apron.ground(quay, Material("apron", texture=quay.canvas.finish(), specular=0.0)),
         *apron.edge(quay, level, first),
     ]
     bollard_y = -wall + 4.2

@@ -97,8 +97,3 @@ def stated_unit(comments: str) -> str:
     )
     word = match[1].lower() if match else ""
     return next((unit for unit, names in _UNITS.items() if word in names or word.removesuffix("s") in names), "")
-
-
-def mean_of_corners(colours: Array, faces: Faces) -> Array:
-    """Give each face the mean of its vertices' colours."""
-    return np.asarray(colours[faces].mean(axis=1))

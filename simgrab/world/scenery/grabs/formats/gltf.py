@@ -22,7 +22,7 @@ from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
 from simgrab.model.srgb import encoded
 from simgrab.world.scenery.grabs.formats import gltf_extensions as extensions
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, mean_of_corners
+from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape
 from simgrab.world.scenery.grabs.formats.gltf_materials import Materials
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -256,7 +256,7 @@ class _Scene:
             levels = np.clip(levels, 0.0, 1.0)
             if levels.shape[1] > 3 and material is not None and material.blends and levels[:, 3].min() < 1.0:
                 self._doubts["Colours of vertices are partly transparent; they are shown opaque."] = None
-            linear = mean_of_corners(levels[:, :3], faces) * (1.0 if material is None else material.factor)
+            linear = levels[faces, :3].mean(axis=1) * (1.0 if material is None else material.factor)
             colours = np.asarray(encoded(linear))
         if any(name.startswith("COLOR_") and name != "COLOR_0" for name in attributes):
             self._unread["colours of vertices beyond COLOR_0"] = None

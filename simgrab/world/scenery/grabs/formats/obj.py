@@ -16,14 +16,7 @@ from simgrab.io import models
 from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import (
-    Contents,
-    Faces,
-    FileMaterial,
-    Shape,
-    mean_of_corners,
-    stated_unit,
-)
+from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, FileMaterial, Shape, stated_unit
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _FREE_FORM = {"vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp",
@@ -177,7 +170,7 @@ def _shapes(
             faces = inverse.reshape(-1, 3)
         own = None
         if colours is not None and uv is None:
-            own = mean_of_corners(colours[used], faces) * ((1.0, 1.0, 1.0) if surface is None else surface.rgb)
+            own = colours[used][faces].mean(axis=1) * ((1.0, 1.0, 1.0) if surface is None else surface.rgb)
         name = "_".join(part for part in (owner, group, material) if part) or "geometry"
         nodes = tuple(dict.fromkeys(node for node in (name, group, owner) if node))
         shapes.append(Shape(nodes, points[used], faces, surface, uv, own))

@@ -15,14 +15,7 @@ from simgrab.io import models
 from simgrab.io.models import MOST_FACES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import (
-    Contents,
-    Faces,
-    FileMaterial,
-    Shape,
-    mean_of_corners,
-    stated_unit,
-)
+from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, FileMaterial, Shape, stated_unit
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _TYPES = {
@@ -65,7 +58,7 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
     if colours is not None and len(colours) == len(sizes):
         colours = colours[polygons]
     elif (own := _colours(vertex)) is not None:
-        colours = mean_of_corners(own, indices[corners])
+        colours = own[indices[corners]].mean(axis=1)
     else:
         colours = None
     uv = _uv(vertex, face, indices)
