@@ -504,6 +504,15 @@ def test_an_estimated_offset_far_from_the_stated_one_is_named(moved_m, text):
     assert bool(found) == bool(text)
 
 
+def test_without_a_rope_length_the_whole_offset_is_taken_for_tilt():
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=(0.0, 0.65, -0.3), offset_sd_m=0.05)
+    measured = (Measurement(status="ok", alpha=0.1, alpha_low=0.0, alpha_high=0.2),)
+    text = assumptions(
+        camera, None, Known("mean-ray", 9, 3.0, 0.0, None, ((0.0,) * 2,) * 2), Pipeline(None, None), measured
+    )
+    assert "taken for tilt (2.0° on 20 m of rope)" in text["text"]
+
+
 @pytest.mark.parametrize(
     ("measured", "text"),
     [

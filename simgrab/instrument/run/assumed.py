@@ -65,8 +65,8 @@ def assumptions(
         parts.append(f"{owed:.2f}° of their mean width of {width:.2f}° come from: {offset}")
     outside = [text.format(camera) for key, text in _TEXTS.items() if key in camera.assumed]
     if tilt is not None and tilt.offset_m is None:
-        angle = math.degrees(math.atan2(camera.offset_sd_m, ROPE_M))
-        outside.insert(0, f"{offset} ({angle:.1f}° on {ROPE_M:g} m of rope)")
+        angle = math.degrees(math.atan2(math.hypot(x, y) + camera.offset_sd_m, ROPE_M))
+        outside.insert(0, f"{offset}, which is taken for tilt ({angle:.1f}° on {ROPE_M:g} m of rope)")
     if timed and used is not None and not used.intervals.wind_m_s:
         outside.append("lean of the grab in steady wind")
     if not intervals:
