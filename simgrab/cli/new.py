@@ -36,7 +36,7 @@ PAINTS = {
 }  # fmt: skip
 FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
-CYCLE_S = 75
+CYCLE_S, DIG_S = 75, 25
 SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may take
 # By option: the question, and what stands for an answer.
 ASKED = {
@@ -376,6 +376,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     if cycles:
         swing = f'model = "dynamic"\nwork = {{ model = "cycles", dig_rope_m = {long:g}, carry_rope_m = {short:g} }}'
         swing += f"\nwind = {{ mean_m_s = {wind:g} }}"
+        swing += f"\nsettle_s = {DIG_S} # before the first frame: the grab digs, and hardly swings"
     else:
         calm = ", whatever the wind, which carries rain, snow and dust alone" if wind else ""
         answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")

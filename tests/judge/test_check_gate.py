@@ -306,6 +306,15 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
     assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
 
 
+def test_frames_in_which_the_grab_hardly_swings_are_named(place, tmp_path):
+    (scene,) = check(place, sound).scenes.values()
+    limits = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1.0}})).limits
+    rows = [msgspec.structs.replace(row, alpha_deg=0.01 * row.alpha_deg) for row in scene.trial.known.rows]
+    still = dataclasses.replace(scene.trial.known, rows=tuple(rows))
+    (note,) = gate.judged("swing", dataclasses.replace(scene.trial, known=still), limits).notes
+    assert note.startswith("swing: warning: the grab hardly swings (standard deviation 0.0")
+
+
 def test_a_limit_on_missed_alarms_is_named_where_no_swing_can_be_missed(place, tmp_path):
     (scene,) = check(place, sound).scenes.values()
     limit = suite.load(write(tmp_path, limits={"alarm.missed": {"upper": 0}})).limits

@@ -107,3 +107,12 @@ def test_a_focal_length_is_named(tilt, factor):
 def test_lengths_off_by_a_factor_or_a_constant_are_named(read, text):
     lengths = np.random.default_rng(0).normal(20, 4, FRAMES)
     assert of_rope(read(lengths) + np.random.default_rng(1).normal(0, 0.05, FRAMES), lengths).text == text
+
+
+def test_lengths_of_earlier_frames_are_named():
+    time = np.arange(FRAMES) / 10
+    lengths = 15 + 5 * np.sin(time)
+    read = np.roll(lengths, 4) + np.random.default_rng(1).normal(0, 0.01, FRAMES)
+    read[:4] = np.nan
+    assert of_rope(read, lengths, time).text == "Rope lengths are those of 4 frames (0.40 s) before theirs"
+    assert of_rope(lengths - 3.0, lengths, time).text == "Rope lengths are 3.00 m too short"

@@ -71,7 +71,7 @@ def causes(
 def _of_lengths(run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:
     """Name a factor or constant of rope lengths without which their figures, or those of the angle, would pass."""
     read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
-    mistake = of_rope(read, known.rope_length)
+    mistake = of_rope(read, known.rope_length, run.time)
     if mistake is None:
         return
     off = np.abs(mistake.left[np.isfinite(mistake.left)])

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from simgrab.dataset.datasets import Dataset
 from simgrab.errors import InstrumentError, SuiteError
@@ -26,6 +27,7 @@ from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial
 from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
+HARDLY_SWINGS = np.radians(0.1)
 FEW_SEEDS = 5  # below which the baseline hardly tests other frames
 
 
@@ -225,7 +227,14 @@ def judged(
         notes.append(f"{name}: warning: {left}")
     if found.metrics.get("alarm.sure") == 0 and any(v.what == "alarm.missed" for v in verdicts):
         notes.append(f"{name}: warning: alarm.missed tests nothing, since no swing exceeds 10.5°")
-    if met := lax(verdicts, limits):
+    swing = np.zeros(1) if found.known is None else found.known.alpha[np.isfinite(found.known.alpha)]
+    if len(swing) > 1 and swing.std() < HARDLY_SWINGS and any(v.constant is not None for v in verdicts):
+        spread = f"standard deviation {np.degrees(swing.std()):.2f} deg"
+        notes.append(
+            f"{name}: warning: the grab hardly swings ({spread}), so that no limit on angles tests anything: take more "
+            "frames, or another part of the motion (swing.settle_s, swing.start)"
+        )
+    elif met := lax(verdicts, limits):
         passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
         notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
     return Outcome(verdicts, found.metrics, 0.0, notes=tuple(notes), trial=found, limits=limits)

@@ -46,7 +46,7 @@ def likely(measured: Array, true: Array, rows: Sequence[Row | None], time: Array
     some = [row for row in (rows[i] for i in known) if row is not None]
     if len(some) < FEWEST:
         return None
-    found = [_late(measured, true, time)]
+    found = [_late("The measured angles", measured, true, time)]
     for one in _of_geometry(measured[known], true[known], some):
         left = np.full(len(true), np.nan)
         left[known] = one.left
@@ -56,7 +56,7 @@ def likely(measured: Array, true: Array, rows: Sequence[Row | None], time: Array
     return best if best.text and best.rms < min(as_it_is / 2, second.rms / CLEARLY) else None
 
 
-def _late(measured: Array, true: Array, time: Array | None) -> Mistake:
+def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistake:
     """Compare with the truth of other frames."""
     most, found = min(MOST_LATE, len(true) // 3), dict[int, Mistake]()
     for n in (*range(-most, 0), *range(1, most + 1)):
@@ -66,7 +66,7 @@ def _late(measured: Array, true: Array, time: Array | None) -> Mistake:
     n = min(found, key=lambda n: found[n].rms)
     seconds = "" if time is None else f" ({abs(n) * float(np.median(np.diff(time))):.2f} s)"
     frames = f"{abs(n)} frame{'s' * (abs(n) > 1)}{seconds}"
-    return found[n]._replace(text=f"The measured angles are those of {frames} {'before' if n > 0 else 'after'} theirs")
+    return found[n]._replace(text=f"{what} are those of {frames} {'before' if n > 0 else 'after'} theirs")
 
 
 def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mistake]:
@@ -103,8 +103,8 @@ def _level(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))[:, :2]
 
 
-def of_rope(read: Array, true: Array) -> Mistake | None:
-    r"""Find by which factor or constant the lengths \|OA\| (n,), m, that a pipeline outputs err; None if by neither."""
+def of_rope(read: Array, true: Array, time: Array | None = None) -> Mistake | None:
+    r"""Find by which factor, constant or delay the lengths \|OA\| (n,), m, of a pipeline err; None if by none."""
     known = np.isfinite(read) & np.isfinite(true)
     if known.sum() < FEWEST:
         return None
@@ -113,6 +113,7 @@ def of_rope(read: Array, true: Array) -> Mistake | None:
     found = (
         Mistake(f"Rope lengths are {factor:.3g} times the true ones", read / (factor or 1.0) - true),
         Mistake(f"Rope lengths are {abs(constant):.2f} m too {side}", read - constant - true),
+        *([_late("Rope lengths", read, true, time)] if time is not None else ()),
     )
     best = min(found, key=lambda one: one.rms)
     return best if best.rms < ROPE_SHARE * Mistake("", read - true).rms else None
