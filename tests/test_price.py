@@ -41,7 +41,8 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
         rendered = sum(COSTS[begins(frame)] for frame in range(frames))
         assert found.seconds == pytest.approx(share * (worlds * CHECK + rendered))
         assert found.size == sum(1000 * begins(frame) + len(b"null") for frame in range(frames))
-        assert (found.worlds, found.measured) == (worlds, 4)
+        assert found.worlds == worlds
+        assert 2 <= found.measured <= 4
     clock.now = 0.0
     same = simgrab.load("quay-day", {"frames": 1000})
     assert price.measured(Recipe(same), 1).worlds == 1
@@ -79,4 +80,4 @@ def test_many_frames_are_priced_before_the_first_and_few_are_not(monkeypatch, tm
 
 @pytest.mark.parametrize(("seconds", "text"), [(44, "44 seconds"), (150, "2.5 minutes"), (46_800, "13 hours")])
 def test_times_are_given_to_two_digits(seconds, text):
-    assert text in str(price.Price(10, 1, seconds, 10))
+    assert text in str(price.Price(10, 1, seconds, 10, 1))

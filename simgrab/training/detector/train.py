@@ -161,7 +161,7 @@ def fit(
 
     def learn(name: str, kind: type[Coarse | Pose], task: loop.Task, taken: str) -> torch.nn.Module:
         """Train a net."""
-        build = functools.partial(pretrained, kind)
+        build: Callable[[], torch.nn.Module] = functools.partial(pretrained, kind)
         if start is not None:
             build = functools.partial(begun, build, Path(start) / f"{name}.onnx", some_examples(task)[taken])
         (out / name).mkdir(exist_ok=True)
