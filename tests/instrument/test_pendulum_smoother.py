@@ -9,6 +9,17 @@ from tests.instrument import pendulum_simulator as simulator
 from tests.instrument import studies
 
 TILTED = camera_rotation(np.deg2rad(5.0), 0.7, 0.0)
+STEADY = simulator.Cycles(20.0, 20.0, 60.0)
+
+
+def free_swing(rng, seconds, rope, offset_sd_m):
+    """A record of a free swing of 3 degrees, the camera that sees it, and the pixels."""
+    record = simulator.free(rng, 1, seconds, rope, np.deg2rad(3), 0.005)
+    camera = studies.camera((0.0, 0.0, 0.0), offset_sd_m)
+    pixels = simulator.seen(
+        rng, record, camera.intrinsics.project, rotation=TILTED, offset=np.zeros((1, 3)), missing=0, outliers=0,
+    )[0]  # fmt: skip
+    return record, camera, pixels
 
 
 def test_the_momentum_form_moves_as_the_simulators_vector_form():
@@ -48,12 +59,7 @@ def test_on_forced_records_it_is_no_worse_than_the_memoryless():
 
 
 def test_gaps_are_bridged_and_long_ones_are_not():
-    rng = np.random.default_rng(5)
-    record = simulator.free(rng, 1, 60.0, simulator.Cycles(20.0, 20.0, 60.0), np.deg2rad(3), 0.005)
-    camera = studies.camera((0.0, 0.0, 0.0), 0.01)
-    pixels = simulator.seen(
-        rng, record, camera.intrinsics.project, rotation=TILTED, offset=np.zeros((1, 3)), missing=0, outliers=0,
-    )[0]  # fmt: skip
+    record, camera, pixels = free_swing(np.random.default_rng(5), 60.0, STEADY, 0.01)
     keep = (record.time < 10) | ((record.time > 13) & (record.time < 25)) | (record.time > 55)  # 3 s, and 30 s
     found = PendulumSmoother().estimate(pixels[keep], camera, rope_length=record.rope[keep], time=record.time[keep])
     assert found.ok
@@ -73,12 +79,7 @@ def test_long_steps_are_divided_and_the_longest_are_not_bridged():
 
 
 def test_an_outlier_is_outvoted():
-    rng = np.random.default_rng(6)
-    record = simulator.free(rng, 1, 15.0, simulator.Hoist(24.0, 16.0, 1.0, 12.0), np.deg2rad(3), 0.005)
-    camera = studies.camera((0.0, 0.0, 0.0), 0.05)
-    clean = simulator.seen(
-        rng, record, camera.intrinsics.project, rotation=TILTED, offset=np.zeros((1, 3)), missing=0, outliers=0,
-    )[0]  # fmt: skip
+    record, camera, clean = free_swing(np.random.default_rng(6), 15.0, simulator.Hoist(24.0, 16.0, 1.0, 12.0), 0.05)
     wild = clean.copy()
     wild[[10, 50, 51, 100]] += [[400.0, -200.0], [-300.0, 100.0], [250.0, 250.0], [0.0, 90.0]]
     given = {"rope_length": record.rope, "time": record.time}
@@ -91,10 +92,6 @@ def test_an_outlier_is_outvoted():
 
 def test_frames_in_no_order_of_time_are_refused():
     rng = np.random.default_rng(7)
-    record = simulator.free(rng, 1, 60.0, simulator.Cycles(20.0, 20.0, 60.0), np.deg2rad(3), 0.005)
-    camera = studies.camera((0.0, 0.0, 0.0), 0.01)
-    pixels = simulator.seen(
-        rng, record, camera.intrinsics.project, rotation=TILTED, offset=np.zeros((1, 3)), missing=0, outliers=0,
-    )[0]  # fmt: skip
+    record, camera, pixels = free_swing(rng, 60.0, STEADY, 0.01)
     found = PendulumSmoother().estimate(rng.permutation(pixels), camera, rope_length=record.rope, time=record.time)
     assert "does not move like a pendulum" in found.reason

@@ -47,7 +47,8 @@ def draw(situation: Situation, seed: int, trials: Sequence[int]) -> Records:
     ring = swings.ring(probes, motion, PROBE_ALPHA, situation.azimuth)
     pixels = _missed(situation, draws, motion, _seen(situation, draws, motion))
     rope = swings.reported_rope(situation, draws, motion.rope)
-    if len(trials) > 1 and not any(np.nanmax(np.ptp(of, axis=0), initial=0.0) for of in (pixels, rope)):
+    may_repeat = situation.motion and len(trials) > 1
+    if may_repeat and not any(np.nanmax(np.ptp(of, axis=0), initial=0.0) for of in (pixels, rope)):
         raise StressError(f"motion: {situation.motion!r} varies nothing: each replication would be the same record")
     return Records(
         pixels=pixels,
