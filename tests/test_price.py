@@ -9,10 +9,19 @@ from conftest import SMALL, as_options
 import simgrab
 from simgrab.cli import cli
 from simgrab.dataset import price
+from simgrab.dataset.pool import Workers
 from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
 
 COSTS = {64: 7.0, 16: 3.0, 8: 1.0, 1: 0.25}  # s, of a frame that begins so many
 CHECK = 2.0  # of a world
+
+
+class Serial(Workers):
+    """Several workers whose work is done here, one after another."""
+
+    def map(self, work, units, **_options):
+        return [work(FrameGenerator(self.recipe), unit, lambda: None) for unit in units]
 
 
 def begins(frame):
@@ -36,7 +45,7 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
     monkeypatch.setattr(price.machine, "cores", lambda: cores)
     for frames in (1000, 777):
         scene = simgrab.load("training", {"frames": frames, "every": {"place": 64, "grab": 16}})
-        found = price.measured(Recipe(scene), workers)
+        found = price.measured(Serial(Recipe(scene), workers))
         worlds = -(-frames // 64)
         rendered = sum(COSTS[begins(frame)] for frame in range(frames))
         assert found.seconds == pytest.approx(share * (worlds * CHECK + rendered))
@@ -45,7 +54,7 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
         assert 2 <= found.measured <= 4
     clock.now = 0.0
     same = simgrab.load("quay-day", {"frames": 1000})
-    assert price.measured(Recipe(same), 1).worlds == 1
+    assert price.measured(Serial(Recipe(same), 1)).worlds == 1
 
 
 @pytest.mark.parametrize(("clip_frames", "workers", "share"), [(0, 4, 1), (100, 4, 1 / 4), (500, 4, 1 / 2)])
@@ -61,7 +70,7 @@ def test_a_videos_price_is_its_bit_rate_and_a_process_for_each_clip(monkeypatch,
     monkeypatch.setattr(price.machine, "cores", lambda: 8)
     clip = {"clip_frames": clip_frames, "frame_rate_hz": 10.0, "bit_rate_mbit_s": 2.0}
     scene = simgrab.load("work-cycles", {"frames": 1000, "clip": clip})
-    alone, both = (price.measured(Recipe(scene), workers, files=files, video=True) for files in (False, True))
+    alone, both = (price.measured(Serial(Recipe(scene), workers), files=files, video=True) for files in (False, True))
     assert alone.seconds == both.seconds == pytest.approx(1000 * share)
     assert (alone.size, both.size - alone.size) == (25_000_000, 1000 * 1004)
 

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from simgrab.cli._options import AUTO_WORKERS, FILE, FOLDER_OR_URL, cluster_option
-from simgrab.cli._progress import Counts, drawing
+from simgrab.cli._progress import drawing
 from simgrab.cli._resume import resumable
 from simgrab.cli._scene import extension_options, load_scene, scene_options
 from simgrab.io.stores import is_url
 from simgrab.text import printable
 
 if TYPE_CHECKING:
-    from simgrab.world.extensions import Recipe
+    from simgrab.dataset.price import Price
 
 _LABELS = {"fingerprint": "renderer SHA-256"}
 
@@ -95,20 +94,20 @@ def command(
     if resume and not quiet and not any(is_url(place) or Path(place).exists() for place in places):
         click.echo(printable(f"--resume: nothing is begun in {' or '.join(map(str, places))}; begins there"), err=True)
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
-        if not (quiet or as_json or cluster or resume):
-            progress, checking = _priced(recipe, workers, progress, checking, files=out is not None, video=video)
+        priced = None if quiet or as_json or cluster or resume else _print_price
         if out is not None:
             summary = render(
                 scenario, out, video=video, workers=workers, cluster=cluster, shard_frames=shard_frames,
-                resume=resume, progress=progress, checking=checking, **functions,
+                resume=resume, progress=progress, checking=checking, priced=priced, **functions,
             )  # fmt: skip
         else:
             if cluster is not None:
                 raise click.UsageError("--cluster renders datasets, not videos")
             assert video is not None
             summary = render_video(
-                scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, **functions
-            )
+                scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, priced=priced,
+                **functions,
+            )  # fmt: skip
     for doubt in () if quiet else doubts(summary):
         click.echo(doubt, err=True)
     if as_json:
@@ -126,24 +125,8 @@ def command(
             click.echo(printable(f"the truth table of each video of {video} is beside it, as .parquet"))
 
 
-def _priced(recipe: Recipe, workers: int, *steps: Counts, files: bool, video: Path | None) -> Iterator[Counts]:
-    """Print what many frames will take, before the first step of making them begins."""
-    from simgrab.dataset import price
-
-    printed = False
-
-    def first(step: Counts) -> Counts:
-        def counted(done: int, total: int | None) -> None:
-            nonlocal printed
-            if not printed and recipe.scenario.frames >= price.FEW:
-                found = price.measured(recipe, workers, files=files, video=video is not None)
-                click.echo(f"{found}; Ctrl-C stops, --resume goes on", err=True)
-            printed = True
-            step(done, total)
-
-        return counted
-
-    return map(first, steps)
+def _print_price(price: Price) -> None:
+    click.echo(f"{price}; Ctrl-C stops, --resume goes on", err=True)
 
 
 def _text(value: object) -> str:

@@ -8,6 +8,7 @@ import itertools
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
 import cv2
@@ -15,7 +16,7 @@ import cv2
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
 from simgrab.runtime import machine
 from simgrab.runtime.cluster import ClusterPool, open_pool
-from simgrab.runtime.processes import pickled, tick
+from simgrab.runtime.processes import Executor, pickled, tick
 from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
@@ -153,25 +154,20 @@ def vet(recipe: Recipe, frames: FrameNumbers | None = None, tick: Tick | None = 
     return Vetted(seen, plan, kept)
 
 
-def vetted(
-    recipe: Recipe, workers: int, checking: Progress | None = None, *, cluster: str | None = None
-) -> Vetted | None:
+def vetted(workers: Workers, checking: Progress | None = None) -> Vetted:
     """Refuse a recipe with an impossible frame, or whose camera never sees the grab, before anything is rendered.
 
     Workers check the worlds if there are many; ``checking`` is called with the number checked and the total. Returns
     the results for later use.
     """
-    scenario = recipe.scenario
+    recipe, scenario = workers.recipe, workers.recipe.scenario
     if not recipe.varies:
-        elsewhere = workers > 1 or cluster is not None  # worlds are painted where they are drawn
         found = vet(recipe)
         refuse_unseen(scenario.frames, found.seen)
-        return replace(found, plan=None) if elsewhere else found
+        return found if workers.alone else replace(found, plan=None)  # worlds are painted where they are drawn
     done = report(checking, 0, scenario.clip.count(scenario.frames))
     alike = [tuple(some) for _, some in itertools.groupby(range(scenario.frames), recipe.slowest_draw)]
-    with contextlib.closing(
-        map_items(recipe, None, alike, _vet, workers=workers, cluster=cluster, progress=done)
-    ) as each:
+    with contextlib.closing(workers.map(_vet, alike, progress=done)) as each:
         seen, kept = 0, dict[int, Projection]()
         for one in each:
             seen += one.seen
@@ -231,74 +227,110 @@ class Output(Protocol):
 
 def fill(
     output: Output, recipe: Recipe, *, workers: int = 1, cluster: str | None = None, resume: bool = False,
-    progress: Progress | None = None, checking: Progress | None = None,
+    progress: Progress | None = None, checking: Progress | None = None, before: Callable[[Workers], None] | None = None,
 ) -> int:  # fmt: skip
-    """Make the missing units of an output, and finish it; returns the number of frames made."""
+    """Make the missing units of an output, and finish it; returns the number of frames made.
+
+    ``before`` is called before worlds are checked, unless an earlier run has begun.
+    """
     if not output.check(resume=resume):
         return 0
-    known = None if output.begun else vetted(recipe, workers, checking, cluster=cluster)
-    with output.opened() as units:
-        frames = sum(map(len, units))
-        advance = report(progress, recipe.scenario.frames - frames, recipe.scenario.frames)
-        rendering = map_items(recipe, known, units, output.work, workers=workers, cluster=cluster, progress=advance)
-        with contextlib.closing(rendering):
-            for made in rendering:
-                output.take(made)
-        output.finish()
+    with Workers(recipe, workers, cluster) as processes:
+        if not output.begun:
+            if not recipe.varies:
+                processes.known = vetted(processes)
+            if before:
+                before(processes)
+            if recipe.varies:
+                processes.known = vetted(processes, checking)
+        with output.opened() as units:
+            frames = sum(map(len, units))
+            advance = report(progress, recipe.scenario.frames - frames, recipe.scenario.frames)
+            with contextlib.closing(processes.map(output.work, units, progress=advance)) as rendering:
+                for made in rendering:
+                    output.take(made)
+            output.finish()
     return frames
 
 
-def map_items(
-    recipe: Recipe,
-    known: Vetted | None,
-    units: Sequence[FrameNumbers],
-    work: Work[T],
-    *,
-    workers: int,
-    progress: Callable[[int], None],
-    cluster: str | None = None,
-) -> Generator[T, None, None]:
-    """Call ``work`` for each unit, in any order, and yield the results. Close the iterator to end the processes.
+class Workers:
+    """Make frames of one recipe in this process, in several, or on a cluster. Use as a context manager.
+
+    Each process has a frame generator, which lasts from one `map` to the next.
 
     Parameters
     ----------
     recipe : Recipe
-    known : Vetted or None
-        Results of checking the same recipe, if there are any.
-    units : sequence of sequence of int
-        Frames that are made one after another in one process.
-    work : callable
-        Takes a frame generator, a unit, and a function to call after every frame; picklable if there are several
-        workers. If its process dies it is called again, and reports every frame of the unit again.
-    workers : int
-        Processes. The software renderer uses every core already, so more than one gains little there.
-    progress : callable
-        Called with the number of frames done; it has reached the total before the last unit is yielded.
+    count : int
+        Processes; 1 is this one. The software renderer uses every core already, so more than one gains little there.
     cluster : str, optional
         Address of a Ray cluster that works in place of processes of this machine.
 
-    Raises
-    ------
-    WorkerError
-        If processes die repeatedly at one unit. Errors of ``work`` are raised unchanged.
+    Attributes
+    ----------
+    known : Vetted
+        Results of checking the recipe, once there are any.
     """
-    if workers > 1 or cluster is not None:
-        threads = max(1, machine.cores() // max(min(workers, len(units)), 1)) if cluster is None else None
-        with open_pool(
-            workers, cluster, setup=functools.partial(_open, recipe, threads), memory_bytes=memory_bytes(recipe),
-            environment=gl.threads(threads), silent_s=SILENT_S,
-        ) as pool:  # fmt: skip
-            found = known.projections if known else {}
+
+    def __init__(self, recipe: Recipe, count: int = 1, cluster: str | None = None) -> None:
+        self.recipe, self.count, self._cluster = recipe, count, cluster
+        self.known = Vetted(0)
+        self._pool: Executor | None = None
+        self._generator: FrameGenerator | None = None
+
+    @property
+    def alone(self) -> bool:
+        """Whether this process makes the frames."""
+        return self.count == 1 and self._cluster is None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        for one in (self._pool, self._generator):
+            if one is not None:
+                one.close()
+
+    def map(
+        self, work: Work[T], units: Sequence[FrameNumbers], *, progress: Callable[[int], None]
+    ) -> Generator[T, None, None]:
+        """Call ``work`` for each unit, in any order, and yield the results. Close the iterator to stop.
+
+        Parameters
+        ----------
+        work : callable
+            Takes a frame generator, a unit, and a function to call after every frame; picklable if there are several
+            workers. If its process dies it is called again, and reports every frame of the unit again.
+        units : sequence of sequence of int
+            Frames that are made one after another in one process.
+        progress : callable
+            Called with the number of frames done; it has reached the total before the last unit is yielded.
+
+        Raises
+        ------
+        WorkerError
+            If processes die repeatedly at one unit. Errors of ``work`` are raised unchanged.
+        """
+        found = self.known.projections
+        if not self.alone:
             orders = ((unit, {n: found[n] for n in unit if n in found}) for unit in units)
-            done = pool.map(functools.partial(_serve, work), orders, name=_named, ticked=progress)
+            self._pool = self._pool or self._opened()
+            done = self._pool.map(functools.partial(_serve, work), orders, name=_named, ticked=progress)
             with contextlib.closing(done):
                 yield from done
-        return
-    counted = itertools.count(1)
-    plan, projections = (known.plan, known.projections) if known else (None, None)
-    with FrameGenerator(recipe, plan, projections) as generator:
+            return
+        counted = itertools.count(1)
+        self._generator = self._generator or FrameGenerator(self.recipe, self.known.plan)
+        self._generator.projections = found
         for unit in units:
-            yield work(generator, unit, lambda: progress(next(counted)))
+            yield work(self._generator, unit, lambda: progress(next(counted)))
+
+    def _opened(self) -> Executor:
+        threads = None if self._cluster else max(1, machine.cores() // self.count)
+        return open_pool(
+            self.count, self._cluster, setup=functools.partial(_open, self.recipe, threads),
+            memory_bytes=memory_bytes(self.recipe), environment=gl.threads(threads), silent_s=SILENT_S,
+        )  # fmt: skip
 
 
 def _named(order: tuple[FrameNumbers, object]) -> str:

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import msgspec
 from rich.filesize import decimal
 
 from simgrab.dataset import stored
-from simgrab.dataset.pool import vet
+from simgrab.dataset.pool import FrameNumbers, Tick, Workers, vet
 from simgrab.runtime import machine
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 
 FEW = 200
 """Frames from which an estimate pays: it takes about as long as ten of them."""
-_PLACES = 4  # of the dataset, at which frames are made: what they show takes more or less, by the weather above all
-_LEAST, _LONGEST_S = 2, 20.0  # places; time after which no other is tried
+_PLACES, _ORDER = 4, (0, 2, 1, 3)  # of the dataset, at which frames are made: by what they show they take more or less
+_LEAST, _SHARE = 2, 0.05  # places at first; share of the time for it all, after which no others are tried
 
 
 @dataclass(frozen=True)
@@ -52,11 +56,17 @@ class Price:
         )
 
 
-def measured(recipe: Recipe, workers: int, *, files: bool = True, video: bool = False) -> Price:
-    """Estimate the price of a dataset, of a video or of both, as rendered by this number of processes.
+def announce(priced: Callable[[Price], None] | None, workers: Workers, *, files: bool, video: bool) -> None:
+    """Call ``priced`` with the price of many frames; see `measured`."""
+    if priced and workers.recipe.scenario.frames >= FEW:
+        priced(measured(workers, files=files, video=video))
+
+
+def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Price:
+    """Estimate the price of a dataset, of a video or of both.
 
     Worlds are checked before, and a frame that begins a draw of what varies takes longer than the next. At a few places
-    of the dataset a frame of each kind is made, in one process; several share the cores, so they take at least the
+    of the dataset a frame of each kind is made, by the processes that will make them all; these take at least the
     cores' time for it all. A video's size is at most that of its bit rate; one process renders a clip of it, and what
     coding takes is left out.
 
@@ -65,38 +75,56 @@ def measured(recipe: Recipe, workers: int, *, files: bool = True, video: bool = 
     ScenarioError, RendererError, ExtensionError
         If a frame is impossible.
     """
-    frames, periods = recipe.scenario.frames, _periods(recipe)
-    groups = math.ceil(frames / periods[0])
-    check = len(periods)  # its kind, beside those of frames: of all frames of one place
-    counts = [*_counts(periods, frames), groups if recipe.varies else 0]
-    walls, cores, sizes = ([list[float]() for _ in counts] for _ in range(3))
-    begun = time.perf_counter()
-    with FrameGenerator(recipe) as generator:
-        for tried, place in enumerate(sorted({groups * n // _PLACES for n in range(_PLACES)}), 1):
-            first = place * periods[0]
-            checked = [(check, first)] if recipe.varies and tried == 1 else []
-            for kind, frame in [*checked, *_samples(periods, first, frames)]:
-                wall, core = time.perf_counter(), time.process_time()
-                if kind == check:
-                    vet(recipe, range(frame, min(frame + periods[0], frames)))
-                else:
-                    made = stored.make(generator, frame)
-                    sizes[kind].append(sum(map(len, made.files.values())) + len(msgspec.json.encode(made.record)))
-                walls[kind].append(time.perf_counter() - wall)
-                cores[kind].append(time.process_time() - core)
-            if tried >= _LEAST and time.perf_counter() - begun > _LONGEST_S:
-                break
-
-    def total(each: list[list[float]]) -> float:
-        return sum(count * sum(some) / len(some) for count, some in zip(counts, each, strict=True) if some)
-
-    clip, size = recipe.scenario.clip, total(sizes) if files else 0.0
+    scenario, varies = workers.recipe.scenario, workers.recipe.varies
+    frames, periods = scenario.frames, _periods(workers.recipe)
+    worlds = math.ceil(frames / periods[0])
+    counts = [*_counts(periods, frames), worlds if varies else 0]  # of each kind of frame, and of checks
+    processes = min(workers.count, scenario.clip.count(frames)) if video else workers.count
+    places = list(dict.fromkeys(worlds * n // _PLACES * periods[0] for n in _ORDER))
+    samples, tried, begun, seconds = list[_Sample](), 0, time.perf_counter(), math.inf
+    while tried < len(places) and time.perf_counter() - begun < _SHARE * seconds:
+        units = [(place,) for place in places[tried : tried + max(1 if tried else _LEAST, workers.count)]]
+        each = workers.map(functools.partial(_sampled, periods, check=varies), units, progress=lambda _: None)
+        samples += itertools.chain.from_iterable(each)
+        tried += len(units)
+        walls, cores, sizes = (_total(counts, samples, of) for of in ("wall_s", "core_s", "size"))
+        seconds = max(walls / processes, cores / machine.cores())
+    size = sizes if files else 0.0
     if video:
-        workers = min(workers, clip.count(frames))
-        size += frames / clip.frame_rate_hz * clip.bit_rate_mbit_s * 1e6 / 8
-    seconds = max(total(walls) / workers, total(cores) / machine.cores())
-    worlds = groups if recipe.varies else 1
-    return Price(frames, worlds, seconds, round(size), min(tried, worlds))
+        size += frames / scenario.clip.frame_rate_hz * scenario.clip.bit_rate_mbit_s * 1e6 / 8
+    return Price(frames, worlds if varies else 1, seconds, round(size), min(tried, worlds) if varies else 1)
+
+
+class _Sample(NamedTuple):
+    """What making one frame takes, or checking all of one place, a kind of its own after those of frames."""
+
+    kind: int
+    wall_s: float
+    core_s: float
+    size: int
+
+
+def _sampled(
+    periods: list[int], generator: FrameGenerator, place: FrameNumbers, _tick: Tick, *, check: bool
+) -> list[_Sample]:
+    """Make a frame of each kind from a place on. At the first, check all draws of a place too."""
+    (first,), frames = place, generator.scenario.frames
+    samples = list[_Sample]()
+    checked = [(len(periods), first)] if check and first == 0 else []
+    for kind, frame in [*checked, *_samples(periods, first, frames)]:
+        wall, core, size = time.perf_counter(), time.process_time(), 0
+        if kind == len(periods):
+            vet(generator.recipe, range(frame, min(frame + periods[0], frames)))
+        else:
+            made = stored.make(generator, frame)
+            size = sum(map(len, made.files.values())) + len(msgspec.json.encode(made.record))
+        samples.append(_Sample(kind, time.perf_counter() - wall, time.process_time() - core, size))
+    return samples
+
+
+def _total(counts: list[int], samples: list[_Sample], of: str) -> float:
+    each = [[getattr(sample, of) for sample in samples if sample.kind == kind] for kind in range(len(counts))]
+    return sum(count * sum(some) / len(some) for count, some in zip(counts, each, strict=True) if some)
 
 
 def _periods(recipe: Recipe) -> list[int]:

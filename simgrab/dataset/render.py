@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from simgrab.dataset import manifest, pool, preview, record, sensors, shards, stored, tables
+from simgrab.dataset import manifest, pool, preview, price, record, sensors, shards, stored, tables
 from simgrab.dataset.datasets import MANIFEST
 from simgrab.dataset.pool import FrameNumbers, Progress, Tick, Work
+from simgrab.dataset.price import Price
 from simgrab.dataset.record import StoredFrame
 from simgrab.dataset.shard_reader import table
 from simgrab.dataset.shards import Done, Packed
@@ -45,6 +46,7 @@ def render(
     resume: bool = False,
     progress: Progress | None = None,
     checking: Progress | None = None,
+    priced: Callable[[Price], None] | None = None,
     randomiser: Randomiser | str | None = None,
     trajectory: Motion | str | None = None,
     effects: Sequence[Effect | str] = (),
@@ -76,6 +78,8 @@ def render(
         Called with (frames done, frames in all).
     checking : callable, optional
         Called before that, if there are many worlds, with (worlds found possible, worlds in all).
+    priced : callable, optional
+        Called before both, if there are many frames and none is made yet, with an estimate of time and size.
     randomiser, trajectory, effects
         Functions of yours, as `simgrab.frames` takes them. The manifest names them, with digests of their source; for
         several workers they must be defined at the top of a module.
@@ -114,8 +118,9 @@ def render(
     output: _Folder | _Shards
     output = _Shards(recipe, str(out), shard_frames) if is_url(out) else _Folder(recipe, Path(out), videos, cluster)
     made = pool.fill(
-        output, recipe, workers=workers, cluster=cluster, resume=resume, progress=progress, checking=checking
-    )
+        output, recipe, workers=workers, cluster=cluster, resume=resume, progress=progress, checking=checking,
+        before=functools.partial(price.announce, priced, files=True, video=video is not None),
+    )  # fmt: skip
     summary = output.summary(made)
     if videos is None:
         return summary

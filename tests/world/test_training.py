@@ -9,6 +9,7 @@ import pytest
 from conftest import slow_but, small_scene
 
 from simgrab.dataset import pool, stored
+from simgrab.dataset.pool import Workers
 from simgrab.dataset.render import render
 from simgrab.errors import ScenarioError
 from simgrab.judge.audit.audit import audit
@@ -130,7 +131,7 @@ def test_the_audit_passes_without_the_grab(half_empty):
 
 def test_a_scene_without_any_grab_is_refused():
     with pytest.raises(ScenarioError, match="the grab is outside the image"):
-        pool.vetted(Recipe(small_scene(swing__absent=1.0)), 1)
+        pool.vetted(Workers(Recipe(small_scene(swing__absent=1.0))))
 
 
 @pytest.mark.parametrize("place", slow_but(["plain", "quay", "hold", "water"], "plain", "hold"))
@@ -190,7 +191,8 @@ def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_
 @pytest.mark.parametrize("workers", slow_but([1, 2], 1))
 def test_many_worlds_are_counted_while_they_are_checked(workers):
     told = []
-    pool.vetted(Recipe(scene(frames=6)), workers, lambda *counts: told.append(counts))
+    with Workers(Recipe(scene(frames=6)), workers) as processes:
+        pool.vetted(processes, lambda *counts: told.append(counts))
     assert (told[0], told[-1]) == ((0, 3), (3, 3))
     assert told == sorted(told)
 

@@ -9,7 +9,7 @@ from conftest import slow_but, small_scene
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simgrab.dataset.pool import vetted
+from simgrab.dataset.pool import Workers, vetted
 from simgrab.errors import ScenarioError
 from simgrab.model import scenes
 from simgrab.world.extensions import Recipe
@@ -117,7 +117,7 @@ def test_hoisting_through_the_ground_is_refused():
     with pytest.raises(
         ScenarioError, match=r"swing\.work.*lowers the grab into the ground or the cargo; at most 2\d\.\d\d"
     ):
-        vetted(Recipe(scene), 1)
+        vetted(Workers(Recipe(scene)))
 
 
 def test_independent_frames_know_no_vibration():
@@ -136,4 +136,4 @@ RECORDS = ["work-cycles", "qingdao-twin", "qingdao-night-snow", "qingdao-heavy-s
 
 @pytest.mark.parametrize("name", slow_but(RECORDS, "work-cycles"))
 def test_no_frame_of_a_bundled_record_runs_the_grab_into_something(name):
-    vetted(Recipe(scenes.load(name)), 1)
+    vetted(Workers(Recipe(scenes.load(name))))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import functools
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from simgrab.dataset import pool, record, stored
+from simgrab.dataset import pool, price, record, stored
 from simgrab.dataset.manifest import identity
 from simgrab.dataset.pool import FrameNumbers, Progress, Tick
+from simgrab.dataset.price import Price
 from simgrab.dataset.summary import VideoSummary
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
@@ -29,6 +31,7 @@ def render_video(
     resume: bool = False,
     progress: Progress | None = None,
     checking: Progress | None = None,
+    priced: Callable[[Price], None] | None = None,
     randomiser: Randomiser | str | None = None,
     trajectory: Motion | str | None = None,
     effects: Sequence[Effect | str] = (),
@@ -52,6 +55,8 @@ def render_video(
         Called with (frames done, frames in all).
     checking : callable, optional
         Called before that, if there are many worlds, with (worlds found possible, worlds in all).
+    priced : callable, optional
+        Called before both, if there are many frames and none is made yet, with an estimate of time and size.
     randomiser, trajectory, effects
         Functions of yours, as `simgrab.frames` takes them; see `simgrab.render`.
 
@@ -80,7 +85,10 @@ def render_video(
         recipe.extensions.refuse_unknown()
     pool.check(recipe, workers)
     clips = Clips(recipe, path)
-    pool.fill(clips, recipe, workers=workers, resume=resume, progress=progress, checking=checking)
+    pool.fill(
+        clips, recipe, workers=workers, resume=resume, progress=progress, checking=checking,
+        before=functools.partial(price.announce, priced, files=False, video=True),
+    )  # fmt: skip
     return clips.videos.summary(len(clips.remaining))
 
 
