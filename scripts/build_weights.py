@@ -119,7 +119,7 @@ JUDGES = ("controllers", "household")
 
 def _hung(names: Sequence[str], split: Mapping[str, Any], over: int, among: int, seed: int) -> Iterator[Source]:
     for i, name in enumerate(names):
-        yield Source(f"{name}-photographs", f"{SHAPES}/{name}.toml", split, over, 60, seed + i, size=SMALL)
+        yield Source(f"{name}-photographs", f"{SHAPES}/{name}.toml", split, over, 150, seed + i, size=SMALL)
         yield Source(f"{name}-places", f"{SHAPES}/{name}-places.toml", split, among, 24, seed + i, size=HALF)
 
 
@@ -172,8 +172,10 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
     return msgspec.structs.replace(scenario, vary={**scenario.vary, varied: fewer})
 
 
-def detector(work: Path, *, quick: bool, workers: int, threads: int, device: str, loaders: int) -> list[Path]:
-    """Train the detector's nets, twice; returns them."""
+def detector(
+    work: Path, *, quick: bool, workers: int, threads: int, device: str, loaders: int, without: str | None
+) -> list[Path]:
+    """Train the detector's nets, twice, or once without a collection of shapes; returns them."""
     from simgrab.training.detector.settings import Recipes, recipes
     from simgrab.training.detector.train import NETS, train
 
@@ -188,19 +190,20 @@ def detector(work: Path, *, quick: bool, workers: int, threads: int, device: str
     hanging_shapes.prepare(work / SHAPES)
     shutil.copytree(work / BACKGROUNDS / "photographs", work / SHAPES / "photographs", dirs_exist_ok=True)
     paths = rendered(DETECTOR, work, quick=quick, workers=workers)
-    first, out = work / "detector-1", work / "detector"
-    for into, start, some in (
-        (first, None, [path for path in paths if not path.name.startswith(ADDED)]),
-        (out, first, paths),
-    ):
+    kept = [path for path in paths if without is None or not path.name.startswith(f"{without}-")]
+    first, some = work / "detector-1", [path for path in kept if not path.name.startswith(ADDED)]
+    trainings = [(first, None, some), (work / "detector", first, kept)]
+    if without:
+        trainings = [(work / f"without-{without}", None, some)]
+    for into, start, learned in trainings:
         if (into / f"{NETS[-1]}.md").exists():  # a card is written last
             continue
         with board(shown=True) as progress:
             train(
-                some, into, functools.partial(chosen, started=start is not None), start=start, resume=True,
+                learned, into, functools.partial(chosen, started=start is not None), start=start, resume=True,
                 watch=progress.step, report=functools.partial(follow, progress), loaders=loaders,
             )  # fmt: skip
-    return [out / f"{name}.onnx" for name in NETS]
+    return [trainings[-1][0] / f"{name}.onnx" for name in NETS]
 
 
 def reader(work: Path, *, quick: bool, workers: int) -> list[Path]:
@@ -234,6 +237,11 @@ LAST = "pose.onnx"  # with it, a folder is a detector
 @click.option("--quick", is_flag=True, help="Fewer frames, and about a fifth of the time in training.")
 @click.option("--only", type=click.Choice(["reader", "detector"]), help="Build one part.")
 @click.option(
+    "--without",
+    type=click.Choice(LEARNED),
+    help="Train the detector once without a collection of shapes, in --work; the nets are not copied.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     help="Gets the nets.  [default: assets/weights; with --quick, in --work]",
@@ -244,19 +252,22 @@ LAST = "pose.onnx"  # with it, a folder is a detector
 @click.option("--device", default="cpu", show_default=True, help="Of torch, for the detector.")
 @click.option("--loaders", default=0, show_default=True, help="Processes that make batches, for the detector.")
 def main(
-    quick: bool, only: str | None, out: Path | None, work: Path | None, workers: int, threads: int, device: str,
-    loaders: int,
+    quick: bool, only: str | None, without: str | None, out: Path | None, work: Path | None, workers: int, threads: int,
+    device: str, loaders: int,
 ) -> None:  # fmt: skip
     """Make the weights of the digit reader and of the detector again."""
     need_torch()
     work = work or ROOT / "runs" / ("weights-quick" if quick else "weights")
     out = out or (work / "weights" if quick else WEIGHTS)
     work.mkdir(parents=True, exist_ok=True)
+    trained = functools.partial(
+        detector, work, quick=quick, workers=workers, threads=threads, device=device, loaders=loaders, without=without
+    )
+    if without:
+        click.echo(f"detector: {trained()[0].parent}")
+        return
     for name in [only] if only else ("reader", "detector"):
-        if name == "reader":
-            nets = reader(work, quick=quick, workers=workers)
-        else:
-            nets = detector(work, quick=quick, workers=workers, threads=threads, device=device, loaders=loaders)
+        nets = reader(work, quick=quick, workers=workers) if name == "reader" else trained()
         install(nets, out)
         click.echo(f"{name}: {', '.join(net.name for net in nets)} in {out}")
 

@@ -66,6 +66,22 @@ def test_a_tilt_that_is_left_out_or_wrong_is_named():
         assert likely(leaning(rows, by), true, rows, None).text == f"The angles are as with a camera tilt that {text}"
 
 
+@pytest.mark.parametrize(("factor", "what"), [(0.0, "were left out"), (-1.0, "had the opposite sign")])
+@pytest.mark.parametrize("follows", [False, True])
+def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
+    rows, true = truth("offset", "beside")
+    offset = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 3]
+    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
+    by = (factor - 1) * offset / length
+    if follows:  # the tilt that is estimated from the same record
+        by = by - by.mean(axis=0)
+    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.05), len(true))
+    across = np.linalg.norm(offset[0])
+    assert likely(leaning(rows, by) + noise, true, rows, None).text == (
+        f"The angles are as if the camera's offset of {across:.2f} m {what}"
+    )
+
+
 @pytest.mark.parametrize("late", [-2, 1, 5])
 def test_a_delay_is_named(late):
     rows, true = truth("offset", "beside")
@@ -75,7 +91,7 @@ def test_a_delay_is_named(late):
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
-@pytest.mark.parametrize("tilt", ["follows", "known"])
+@pytest.mark.parametrize("tilt", ["follows", "known", "estimated"])
 def test_a_focal_length_is_named(tilt, factor):
     rows, true = truth("weather", "calm")
     grab, camera = (
@@ -89,7 +105,9 @@ def test_a_focal_length_is_named(tilt, factor):
     swing = grab[..., 3] / np.linalg.norm(grab[..., 3], axis=1, keepdims=True)
     swing = swing + wrong - ray / np.linalg.norm(ray, axis=1, keepdims=True)
     known = np.arctan2(np.linalg.norm(swing[:, :2], axis=1), -swing[:, 2])
-    measured = known if tilt == "known" else np.arctan(factor * np.tan(true))
+    at_fault = swing - grab[..., 3] / np.linalg.norm(grab[..., 3], axis=1, keepdims=True)
+    estimated = leaning(rows, (at_fault - at_fault.mean(axis=0))[:, :2])
+    measured = {"known": known, "follows": np.arctan(factor * np.tan(true)), "estimated": estimated}[tilt]
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.02), len(true))
     found = likely(measured + noise, true, rows, None)
     f_px = float(found.text.removeprefix("The angles are as with a focal length of ").partition(" px")[0])

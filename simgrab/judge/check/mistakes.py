@@ -12,23 +12,31 @@ from scipy.optimize import least_squares
 from simgrab.model.geometry import Array, Pose
 from simgrab.model.truth import Row
 
-MOST_LATE, FEWEST = 50, 10  # frames
+MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for two mistakes at once
 FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for radians is far from them
+OFFSET = 0.25  # how far a factor of the offset may be from 0, without it, or from -1, with the opposite sign
 CLEARLY = 1.2  # times the next best explanation's error
+NOTHING = 1e-6  # rad, below which errors are rounding
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must leave at most
 
 
 class Mistake(NamedTuple):
-    """What explains errors of angles, or nothing that has a name, and the errors (n,), rad, that it leaves."""
+    """What explains errors of angles, or nothing that has a name, and the errors (n,), rad, that it leaves.
+
+    ``fitted`` is the number of parameters that were fitted to these errors.
+    """
 
     text: str
     left: Array
+    fitted: int = 0
 
     @property
     def rms(self) -> float:
-        """Root mean square of what it leaves, rad; infinite for too few frames."""
-        known = np.isfinite(self.left)
-        return float(np.sqrt(np.mean(self.left[known] ** 2))) if known.sum() >= min(FEWEST, len(known)) else math.inf
+        """Root mean square of what it leaves, rad, for a fit to any number of frames; infinite for too few."""
+        some = self.left[np.isfinite(self.left)]
+        if len(some) < min(FEWEST, len(self.left)):
+            return math.inf
+        return float(np.sqrt(np.sum(some**2) / max(len(some) - self.fitted, 1)))
 
 
 def likely(measured: Array, true: Array, rows: Sequence[Row | None], time: Array | None) -> Mistake | None:
@@ -50,7 +58,7 @@ def likely(measured: Array, true: Array, rows: Sequence[Row | None], time: Array
     for one in _of_geometry(measured[known], true[known], some):
         left = np.full(len(true), np.nan)
         left[known] = one.left
-        found.append(Mistake(one.text, left))
+        found.append(one._replace(left=left))
     best, second, *_ = sorted(found, key=lambda one: one.rms)
     as_it_is = Mistake("", measured - true).rms
     return best if best.text and best.rms < min(as_it_is / 2, second.rms / CLEARLY) else None
@@ -70,32 +78,57 @@ def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistak
 
 
 def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mistake]:
-    """Explain by a focal length, with a tilt that follows it or that is right, by a tilt, and by a constant."""
+    """Explain by a tilt, a focal length or an offset, and by a constant.
+
+    With a wrong focal length or offset the tilt may be right, or be estimated from the same record: only where that
+    explains clearly more than a wrong tilt alone.
+    """
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
     swing, ray, axis = _level(grab), _level(grab - camera.translation), camera.rotation[:, :2, 2]
+    shift = camera.translation[:, :2] / np.linalg.norm(grab, axis=1, keepdims=True)
 
-    def fitted(predict: Callable[[Array], Array], start: Sequence[float]) -> tuple[Array, Array]:
+    def fitted(predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
         x = least_squares(lambda x: predict(x) - measured, start).x
         return x, measured - predict(x)
 
-    def of(offset: Array) -> Array:
-        return np.arcsin(np.clip(np.linalg.norm(swing + offset, axis=1), 0, 1))
+    def of(error: Array) -> Array:
+        return np.arcsin(np.clip(np.linalg.norm(swing + error, axis=1), 0, 1))
 
-    f_px, found = rows[0].fx_px, []
-    for (factor,), left in (
-        fitted(lambda x: np.arctan(x[0] * np.tan(true)), [1.0]),
-        fitted(lambda x: of((x[0] - 1) * (ray - axis)), [1.0]),
-    ):
-        focal = f"The angles are as with a focal length of {f_px / max(factor, 1e-9):.0f} px in place of {f_px:.0f} px"
-        found.append(Mistake(focal if FOCAL[0] < factor < FOCAL[1] else "", left))
-    best = min(found, key=lambda one: one.rms)
-    lean, tilted = fitted(of, [1e-3, 1e-3])
+    lean, left = fitted(of, 1e-3, 1e-3)
     tilt = axis.mean(axis=0)
     left_out = np.linalg.norm(lean + tilt) < np.linalg.norm(tilt) / 5
     why = f", as if the tilt of {np.degrees(np.linalg.norm(tilt)):.1f}° were left out" if left_out else ""
-    wrong = f"The angles are as with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong{why}"
-    return [best, Mistake(wrong, tilted), Mistake("", measured - true - np.mean(measured - true))]
+    tilted = Mistake(f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong{why}", left, 2)
+
+    def least(*found: tuple[Array, Array], text: Callable[[float], str]) -> Mistake:
+        """Take the explanation that leaves the least, by a factor alone, or with a tilt, of which more is asked."""
+        named = [Mistake(text(float(x[0])), left, len(x)) for x, left in found]
+        most = tilted.rms / CLEARLY**2 - NOTHING if len(true) >= ENOUGH else -math.inf
+        return min((m for m in named if m.fitted == 1 or (m.text and m.rms < most)), key=lambda m: m.rms)
+
+    f_px, across = rows[0].fx_px, float(np.linalg.norm(camera.translation[:, :2].mean(axis=0)))
+    focal = least(
+        fitted(lambda x: np.arctan(x[0] * np.tan(true)), 1.0),
+        fitted(lambda x: of((x[0] - 1) * (ray - axis)), 1.0),
+        fitted(lambda x: of((x[0] - 1) * (ray - axis) + x[1:]), 1.0, 1e-3, 1e-3),
+        text=lambda x: (
+            f"with a focal length of {f_px / x:.0f} px in place of {f_px:.0f} px" * (FOCAL[0] < x < FOCAL[1])
+        ),
+    )
+    offset = least(
+        fitted(lambda x: of((x[0] - 1) * shift), 0.0),
+        fitted(lambda x: of((x[0] - 1) * shift + x[1:]), 0.0, 1e-3, 1e-3),
+        text=lambda x: (
+            f"if the camera's offset of {across:.2f} m were left out" if abs(x) < OFFSET
+            else f"if the camera's offset of {across:.2f} m had the opposite sign" if abs(x + 1) < OFFSET else ""
+        ),
+    )  # fmt: skip
+    found = [tilted, focal, offset]
+    if offset.text and max(offset.rms, tilted.rms) < CLEARLY * min(offset.rms, tilted.rms):
+        found = [tilted._replace(text=f"{offset.text}, or {tilted.text}"), focal]
+    as_with = [one._replace(text=one.text and f"The angles are as {one.text}") for one in found]
+    return [*as_with, Mistake("", measured - true - np.mean(measured - true))]
 
 
 def _level(vectors: Array) -> Array:
