@@ -37,6 +37,7 @@ PAINTS = {
 FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S, DIG_S = 75, 25
+AROUND_M = (0.1, 0.05, 0.02, 0.0)  # how far the camera may be from where it is said to be; less near steel
 SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may take
 # By option: the question, and what stands for an answer.
 ASKED = {
@@ -301,9 +302,9 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
         paint = f"\npaint_rgb = {PAINTS[colour]} # {colour}"
     if grab in GRABS[1:]:
         (volume,) = answers.get("volume", _numbers(3, 20))
-        kind = "6 tines that close the bowl, " if grab == "orange-peel" else ""
-        keys = "tines, shells (open for scrap), drive" if kind else "drive"
-        answers.assumed.append(f"grab: {kind}moved by ropes; {keys} and other keys in [grab] set it (docs/grabs.md)")
+        kind = ", 6 tines that close the bowl" if grab == "orange-peel" else ""
+        keys = "ropes, tines, shells (open for scrap), drive" if kind else "ropes, drive"
+        answers.assumed.append(f"grab: moved by 4 ropes{kind}; {keys} and other keys in [grab] set it (docs/grabs.md)")
         return f'model = "{grab}"\nvolume_m3 = {volume:g}{paint}', volume
     if "volume" in answers:
         raise _refusal("volume", f"{grab} has a size of its own; leave it out, or give --grab {' or '.join(GRABS[1:])}")
@@ -352,13 +353,33 @@ def _tolerances(facts: Mapping[str, tuple[float, float, float, float]]) -> str:
     return "\n".join(lines)
 
 
+def _around(offset: tuple[float, ...]) -> float:
+    """How far the camera may be from its offset, m, without being in the jib head's steel."""
+    import numpy as np
+
+    from simgrab.model.scenario import Jib
+    from simgrab.world.scenery.clearance import sees_past
+    from simgrab.world.scenery.meshes.jib import jib_steel
+    from simgrab.world.scenery.meshes.ropes import Ropes
+
+    steel = jib_steel(Ropes.of(Jib(), 4))
+    for around in AROUND_M:
+        ends = [sorted({value - around, value, value + around}) for value in offset]
+        if all(sees_past(np.array(place), steel) for place in itertools.product(*ends)):
+            return around
+    raise _refusal(
+        "offset", f"{','.join(f'{v:g}' for v in offset)} m is in the jib head's steel, for instance 0,0.6,-0.3"
+    )
+
+
 def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     """Text of the scene file."""
     from simgrab.model import layouts
 
     optics, width, height, f_px, (k1, k2, k3) = _optics(answers)
     (rate,) = answers.get("rate", _numbers(0.1, 120))
-    x, y, z = answers.get("offset", _numbers(-3, 3, 3))
+    x, y, z = offset = answers.get("offset", _numbers(-3, 3, 3))
+    around = _around(offset)
     (tilt,) = answers.get("tilt", _numbers(0, 28))
     (head,) = answers.get("height", _numbers(22, 35))
     short, long = answers.get("ropes", _numbers(6, 45, 2))
@@ -390,6 +411,20 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
             "every frame shows the grab; absent in [swing] leaves it out, and the mount has no effect"
         )
     answers.assumed.append("no noise of the sensor; optics.sensor sets it")
+    if fixed:
+        answers.assumed.append(
+            "the tilt leans outboard, and roll is 0; tilt_azimuth_deg and roll_deg in [camera] set it"
+        )
+    else:
+        answers.assumed.append(
+            f"within: 2 degrees of the tilt, in any direction, 3 of roll, {around:g} m of the offset, 1 % of the focal "
+            f"length, 0.5 m of the height{', 10 % of the volume' if volume else ''}; [vary] sets them"
+        )
+    for weather in weathers:
+        if keys := WEATHERS[weather][2]:
+            answers.assumed.append(f"{weather}: {', '.join(f'{key} {value:g}' for key, value in keys.items())}")
+    if "night" in lights:
+        answers.assumed.append("night: lamps of the quay, and a grey picture; light, night_mode and exposure_ev set it")
     (display,) = answers.get("display", _one_of("none", *layouts.names()))
     if answers.unread:
         answers.assumed.append(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
@@ -399,9 +434,9 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         "camera.beta_deg": (tilt, 2, 0, 30),
         "camera.tilt_azimuth_deg": (0, 180, -180, 180),
         "camera.roll_deg": (0, 3, -inf, inf),
-        "camera.offset_x_m": (x, 0.1, -3, 3),
-        "camera.offset_y_m": (y, 0.1, -3, 3),
-        "camera.offset_z_m": (z, 0.1, -3, 1),
+        "camera.offset_x_m": (x, around, -3, 3),
+        "camera.offset_y_m": (y, around, -3, 3),
+        "camera.offset_z_m": (z, around, -3, 1),
         "jib.head_height_m": (head, 0.5, 22, 35),
     }
     if volume:

@@ -40,6 +40,7 @@ Progress = Callable[[int, int], None]
 Add = Callable[[LabelledFrame], None]
 
 MOST_SENSOR_BYTES = 2**31
+OCCLUDED = 0.1  # share of the part in the picture that is hidden, from which a grab counts as occluded
 _HF_GROUP_ROWS = 64  # pictures and all, in memory at once
 
 
@@ -270,7 +271,7 @@ def _voc_annotation(row: Row, file: str, *, labelled: bool) -> bytes:
     if labelled:
         grab = ET.SubElement(root, "object")
         put(grab, name="grab", pose="Unspecified", truncated=int(row.in_frame_fraction < 1))
-        put(grab, occluded=int(row.visible_fraction < row.in_frame_fraction), difficult=0)
+        put(grab, occluded=int(row.visible_fraction < (1 - OCCLUDED) * row.in_frame_fraction), difficult=0)
         assert row.box_x0_px is not None
         assert row.box_y0_px is not None
         box = {"xmin": row.box_x0_px + 1, "ymin": row.box_y0_px + 1, "xmax": row.box_x1_px, "ymax": row.box_y1_px}

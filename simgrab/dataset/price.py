@@ -33,26 +33,25 @@ class Price:
     Attributes
     ----------
     frames, worlds : int
-        Worlds are the draws of what varies most seldom.
     seconds : float
     size : int
         Bytes on the disk.
-    measured : int
-        Worlds of which frames were made.
+    judged : int
+        Frames that were made for it.
     """
 
     frames: int
     worlds: int
     seconds: float
     size: int
-    measured: int
+    judged: int
 
     def __str__(self) -> str:
         worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
         checked = ", with the check of all draws," if self.worlds > 1 else ""
-        judged = f", judged by {self.measured} of them" if self.worlds > self.measured else ""
         return (
-            f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}{judged}"
+            f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}, "
+            f"judged by {self.judged} of the frames"
         )
 
 
@@ -77,10 +76,10 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     """
     scenario, varies = workers.recipe.scenario, workers.recipe.varies
     frames, periods = scenario.frames, _periods(workers.recipe)
-    worlds = math.ceil(frames / periods[0])
-    counts = [*_counts(periods, frames), worlds if varies else 0]  # of each kind of frame, and of checks
+    slowest = math.ceil(frames / periods[0])
+    counts = [*_counts(periods, frames), slowest if varies else 0]  # of each kind of frame, and of checks
     processes = min(workers.count, scenario.clip.count(frames)) if video else workers.count
-    places = list(dict.fromkeys(worlds * n // _PLACES * periods[0] for n in _ORDER))
+    places = list(dict.fromkeys(slowest * n // _PLACES * periods[0] for n in _ORDER))
     samples, tried, begun, seconds = list[_Sample](), 0, time.perf_counter(), math.inf
     while tried < len(places) and time.perf_counter() - begun < _SHARE * seconds:
         units = [(place,) for place in places[tried : tried + max(1 if tried else _LEAST, workers.count)]]
@@ -92,7 +91,8 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     size = sizes if files else 0.0
     if video:
         size += frames / scenario.clip.frame_rate_hz * scenario.clip.bit_rate_mbit_s * 1e6 / 8
-    return Price(frames, worlds if varies else 1, seconds, round(size), min(tried, worlds) if varies else 1)
+    worlds = scenario.clip.count(frames) if varies else 1
+    return Price(frames, worlds, seconds, round(size), sum(sample.kind < len(periods) for sample in samples))
 
 
 class _Sample(NamedTuple):

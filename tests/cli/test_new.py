@@ -16,6 +16,9 @@ from simgrab.judge.check import suite
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.scenario import Hold
+from simgrab.world.scenery.clearance import sees_past
+from simgrab.world.scenery.meshes.jib import jib_steel
+from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.trajectory.clip import ClipMotion
 
@@ -95,6 +98,16 @@ def test_of_sensor_and_lens_the_focal_length_is_their_ratio(tmp_path):
     # A short lens on a larger sensor, whose usual distortion no scene can have, gets less of it.
     scene, _ = new(tmp_path / "short.toml", "--sensor", "1/3", "--lens", 2.8)
     assert scene.camera.focal.focal_length_px == pytest.approx(1000)
+
+
+@pytest.mark.parametrize(("offset", "around"), [("0,0.9,0", 0.02), ("0,0.6,-0.3", 0.1)])
+def test_a_camera_beside_the_jib_head_varies_without_touching_it(offset, around, tmp_path):
+    scene, out = new(tmp_path / "port.toml", "--offset", offset)
+    ends = [scene.vary[f"camera.offset_{axis}_m"].support() for axis in "xyz"]
+    steel = jib_steel(Ropes.of(scene.jib, 4))
+    assert all(sees_past(np.array(place), steel) for place in itertools.product(*ends))
+    assert np.ptp(ends, axis=1) == pytest.approx(np.full(3, 2 * around))
+    assert f"{around:g} m of the offset" in out
 
 
 @pytest.mark.parametrize("grab", [*GRABS, "drum.glb"])
@@ -183,6 +196,7 @@ def test_wind_carries_the_rain_and_pushes_the_grab(tmp_path):
         (["--volume", 5], "clamshell"),
         (["--weather", "hail"], "dust"),
         (["--wind", "gale"], "0 to 40"),
+        (["--offset", "0,0.6,0.5"], "0,0.6,0.5 m is in the jib head's steel"),
         (["--size", "64x64", "--fov", 60], "focal_length_px"),
         (["--motion", "cycles", "--ropes", "8..24"], "22.2 m lower it on the pile"),
         (["--motion", "cycles", "--ropes", "17..22"], "15.7 m carry this grab over the hopper"),
