@@ -19,7 +19,7 @@ from simgrab.text import printable
 @click.option("--seeds", type=click.IntRange(1, 1000), help="Number of seeds to record.  [default: the suite's]")
 @click.option("--seed", type=click.IntRange(0, 2**53), help="Seed to use instead of the suite's.")
 @click.option("--cache", type=FOLDER, help="Cache of rendered datasets.  [default: ~/.cache/simgrab]")
-@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Worker processes.")
+@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Worker processes, at most.")
 @cluster_option
 @click.option("--out", type=FOLDER, help="Folder of the results.  [default: runs/check-SUITE]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")

@@ -49,7 +49,7 @@ ASKED = {
     "rate": ("pictures a second", "25"),
     "offset": ("camera from the rope exit: to the picture's top (outboard), to its left, up, m", "0,0.6,-0.3"),
     "tilt": ("tilt of the camera from the vertical, degrees", "3"),
-    "height": ("height of the jib head above the quay, m", "28"),
+    "height": ("height of the jib head above the quay, 22 to 35 m", "28"),
     "ropes": ("shortest and longest rope, m", "8..22"),
     "grab": (f"{', '.join(GRABS)}, or the file of a 3-D model", "four-rope"),
     "volume": ("volume of the grab, m³", "6"),
@@ -307,7 +307,9 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
         answers.assumed.append(f"grab: moved by 4 ropes{kind}; {keys} and other keys in [grab] set it (docs/grabs.md)")
         return f'model = "{grab}"\nvolume_m3 = {volume:g}{paint}', volume
     if "volume" in answers:
-        raise _refusal("volume", f"{grab} has a size of its own; leave it out, or give --grab {' or '.join(GRABS[1:])}")
+        raise _refusal(
+            "volume", f"{grab} has a size of its own; leave it out, or give --grab {' or '.join(GRABS[1:])}, of 4 ropes"
+        )
     path = json.dumps(os.path.relpath(grab, file.parent), ensure_ascii=False)
     if known:
         return f'model = "{grab}"{paint}', 0.0

@@ -198,7 +198,9 @@ def test_limits_that_a_constant_answer_meets_are_named(place, tmp_path):
     (note,) = result.notes
     recorded = gate.record(suite.load(place / "small.toml"), options(place, sound, baseline=tmp_path), seeds=1)
     assert note in recorded.notes
-    assert re.fullmatch(r"swing: warning: .* in every frame would pass: angle.overall.rmse_deg ≤ 20 \(by .*", note)
+    assert re.fullmatch(
+        r"swing: warning: .* in every frame would pass: angle.overall.rmse_deg ≤ 20 \(constant: .*", note
+    )
     found = result.scenes["swing"].trial
     true = np.array([row.alpha_deg for row in found.dataset.rows])
 
@@ -320,7 +322,20 @@ def test_a_limit_on_missed_alarms_is_named_where_no_swing_can_be_missed(place, t
     limit = suite.load(write(tmp_path, limits={"alarm.missed": {"upper": 0}})).limits
     for sure, said in ((0.0, ("swing: warning: alarm.missed tests nothing, since no swing exceeds 10.5°",)), (1.0, ())):
         metrics = {**scene.trial.metrics, "alarm.sure": sure, "alarm.missed": 0.0}
-        assert gate.judged("swing", dataclasses.replace(scene.trial, metrics=metrics), limit).notes == said
+        *notes, last = gate.judged("swing", dataclasses.replace(scene.trial, metrics=metrics), limit).notes
+        assert tuple(notes) == said
+        assert last == "swing: warning: no limit is on angle.*, so that the same angle in every frame may pass"
+    angle = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 0.4}})).limits
+    assert not gate.judged("swing", scene.trial, angle).notes
+
+
+def test_a_constant_answer_is_explained_by_no_mistake(place):
+    found = sound(place / "cache")
+    (still,) = check(place, Times(found, 0.0)).scenes.values()
+    (why,) = [
+        line for line in causes(still.trial, ["angle.overall.rmse_deg"]) if "tilt" not in line and "entre" not in line
+    ]
+    assert why.startswith("The measured angle hardly follows the swing")
 
 
 def test_a_wrong_centre_comes_before_the_tilt_that_is_estimated_from_it(place):
@@ -342,11 +357,11 @@ def test_angles_in_degrees_are_named():
     assert "57.30 times the true one, as if it were in degrees" in said
 
 
-def test_a_factor_is_named_rather_than_an_offset(place):
+def test_a_factor_is_named_rather_than_a_constant(place):
     (scene,) = check(place, Times(sound(place / "cache"), 0.5)).scenes.values()
     why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
     assert "the measured angle is 0.50 times the true one. Without it the RMSE would be 0.1" in why
-    assert "offset" not in why
+    assert "constant" not in why
 
 
 @dataclasses.dataclass
@@ -461,7 +476,7 @@ def test_the_page_fits_windows_and_phones(place, tmp_path):
 def test_a_metric_that_is_not_there_fails_and_is_reported(place, tmp_path):
     limits = {"angle.by_weather.fog.rmse_deg": {"upper": 1}, "alarm.missed": {"upper": 0}}
     problems = failed(check(place, small=suite.load(write(tmp_path, limits=limits)), baseline=None))
-    assert "the scene has no such data" in problems["angle.by_weather.fog.rmse_deg"]
+    assert "the scene has no frame of that kind" in problems["angle.by_weather.fog.rmse_deg"]
     assert 'give it swing.model = "dynamic"' in problems["alarm.missed"]  # independent frames know no time
 
 

@@ -8,6 +8,8 @@ import pytest
 
 from simgrab.judge.check import suite
 from simgrab.judge.check.mistakes import likely, of_rope
+from simgrab.model import scenes
+from simgrab.model.geometry import Pose
 from simgrab.world.extensions import Recipe
 from simgrab.world.trajectory.trajectory import Trajectory
 
@@ -18,15 +20,25 @@ WRONG_TILT = re.compile(r"The angles are as with a camera tilt that is (2\.[5-9]
 
 def truth(name, scene, frames=FRAMES):
     """Rows of a suite's scene, of which every fourth frame is taken, and the true swing, rad, shape (n,)."""
-    scenario = suite.load(name).scenario(scene)
+    return rows_of(suite.load(name).scenario(scene), frames)
+
+
+def rows_of(scenario, frames=FRAMES):
     recipe, rows, moves, number = Recipe(scenario), [], None, None
     for frame in range(0, min(scenario.frames, 4 * frames), 4 if scenario.frames >= 4 * frames else 1):
         if number != recipe.variant_number(frame):
             number, variant = recipe.variant_number(frame), recipe.variant(frame)
             moves = Trajectory(variant.scenario, recipe.extensions)
         moment, camera = moves.at(frame), variant.scenario.camera
+        k = camera.intrinsics
+        in_camera = Pose(moment.tilt.jib_from_camera, np.asarray(camera.offset_m)).local(
+            moment.grab.jib_from_grab.translation
+        )
         rows.append(SimpleNamespace(
-            alpha=moment.grab.alpha, fx_px=camera.intrinsics.f_px,
+            alpha=moment.grab.alpha, fx_px=k.f_px, cx_px=k.cx_px, cy_px=k.cy_px, k1=k.distortion.k1, k2=k.distortion.k2,
+            **dict(zip(("grab_u_px", "grab_v_px"), k.project(in_camera[None])[0], strict=True)),
+            ideal_u_px=k.cx_px + k.f_px * in_camera[0] / in_camera[2],
+            ideal_v_px=k.cy_px + k.f_px * in_camera[1] / in_camera[2],
             jib_from_grab=np.asarray(moment.grab.jib_from_grab)[:3].ravel(),
             jib_from_camera=np.column_stack([moment.tilt.jib_from_camera, camera.offset_m]).ravel(),
         ))  # fmt: skip
@@ -61,12 +73,13 @@ def test_a_tilt_that_is_left_out_or_wrong_is_named():
     deg = np.rad2deg(np.linalg.norm(axis.mean(axis=0)))
     for by, text in (
         (-axis, f"is {deg:.2f}° wrong, as if the tilt of {deg:.1f}° were left out"),
-        (-2 * axis, f"is {2 * deg:.2f}° wrong"),
+        (-2 * axis, f"is {2 * deg:.2f}° wrong, as if the tilt of {deg:.1f}° had the opposite sign"),
+        (0.5 * axis, f"is {deg / 2:.2f}° wrong"),
     ):
         assert likely(leaning(rows, by), true, rows, None).text == f"The angles are as with a camera tilt that {text}"
 
 
-@pytest.mark.parametrize(("factor", "what"), [(0.0, "were left out"), (-1.0, "had the opposite sign")])
+@pytest.mark.parametrize(("factor", "what"), [(0.0, "left out"), (-1.0, "applied with the opposite sign")])
 @pytest.mark.parametrize("follows", [False, True])
 def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
     rows, true = truth("offset", "beside")
@@ -78,8 +91,25 @@ def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.05), len(true))
     across = np.linalg.norm(offset[0])
     assert likely(leaning(rows, by) + noise, true, rows, None).text == (
-        f"The angles are as if the camera's offset of {across:.2f} m {what}"
+        f"The angles are as if the camera's offset of {across:.2f} m were {what}"
     )
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_lens_that_is_taken_to_be_without_distortion_is_named(follows):
+    changes = {"camera.distortion": {"k1": -0.3, "k2": 0.1}, "camera.beta_deg": 6.0, "swing.settle_s": 25.0}
+    rows, true = rows_of(scenes.load("work-cycles", changes))
+    rotation = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[..., :3]
+    rays = (
+        [((row.grab_u_px, row.grab_v_px), row) for row in rows],
+        [((row.ideal_u_px, row.ideal_v_px), row) for row in rows],
+    )
+    rays = [np.array([[(u - k.cx_px) / k.fx_px, (v - k.cy_px) / k.fx_px, 1] for (u, v), k in some]) for some in rays]
+    bent, straight = (np.einsum("nij,nj->ni", rotation, r / np.linalg.norm(r, axis=1, keepdims=True)) for r in rays)
+    by = (bent - straight)[:, :2]
+    measured = leaning(rows, by - by.mean(axis=0) if follows else by)
+    measured = measured + np.random.default_rng(0).normal(0, np.deg2rad(0.01), len(true))
+    assert likely(measured, true, rows, None).text == "The angles are as if the lens's distortion were left out"
 
 
 @pytest.mark.parametrize("late", [-2, 1, 5])

@@ -13,6 +13,7 @@ from platformdirs import user_cache_path
 
 from simgrab.dataset import datasets, manifest
 from simgrab.dataset.datasets import MANIFEST, Dataset
+from simgrab.dataset.pool import automatic
 from simgrab.dataset.render import render
 from simgrab.errors import DatasetError, RendererError
 from simgrab.io.destination import writing
@@ -20,6 +21,7 @@ from simgrab.io.files import discard, locked, remove_left
 from simgrab.io.resources import ASSETS
 from simgrab.judge.doctor import examine
 from simgrab.model.scenario import Scenario
+from simgrab.world.extensions import Recipe
 
 PACKAGE = Path(__file__).parents[2]
 # Where the code is that decides pixels and labels.
@@ -48,7 +50,7 @@ def rendered(
     where : Path
         The cache.
     workers : int
-        Worker processes.
+        Worker processes, at most; fewer where another one would take longer to begin than it saves.
     cluster : str, optional
         Address of a Ray cluster that renders in their place.
     progress : callable, optional
@@ -68,6 +70,7 @@ def rendered(
         remove_left(folder)
         if (folder / MANIFEST).exists() and not _sound(folder):
             discard(folder)
+        workers = min(workers, automatic(Recipe(scenario))[0])
         render(scenario, folder, workers=workers, cluster=cluster, resume=True, progress=progress)
         return datasets.read(folder)
 

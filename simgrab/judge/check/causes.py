@@ -15,6 +15,7 @@ from simgrab.judge.evaluate.swings import angles
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array
 
+STILL = 10  # times less than the swing, an angle hardly follows it
 _LISTED = 4  # frames at most
 
 
@@ -59,10 +60,13 @@ def causes(
     both = np.isfinite(run.alpha) & np.isfinite(true)
     if both.any():
         measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
-        mistake = likely(run.alpha, true, trial.known.rows, run.time)
+        moves = measured.std() >= swing.std() / STILL
+        mistake = likely(run.alpha, true, trial.known.rows, run.time) if moves else None
         if mistake and meets(_metrics(true + mistake.left, trial.known)):
             rmse = _rms(measured - swing)
             yield f"{mistake.text}. Otherwise the RMSE would be {np.rad2deg(mistake.rms):.2f}° instead of {rmse:.2f}°."
+            if not mistake.of_tilt:
+                return
         else:
             yield from _of_angles(measured, swing)
         yield from _of_stages(trial, run, trial.known, _rms(measured - swing), float(swing.std()), compared=compared)
@@ -93,7 +97,7 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
     """State how angles (n,), degrees, differ from the true ones as a whole."""
     bias, rmse = float(np.mean(measured - true)), _rms(measured - true)
     spread, true_spread = float(measured.std()), float(true.std())
-    if spread < true_spread / 10:
+    if spread < true_spread / STILL:
         twice = 0.7 < math.radians(true_spread) / max(spread, 1e-9) < 1.4
         yield (
             f"The measured angle hardly follows the swing: its standard deviation is {spread:.2f}°, that of the true "
@@ -111,7 +115,7 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
         )
     elif bias**2 > rmse**2 / 2:
         yield (
-            f"Most of the error is an offset: on average, the measured angle is {abs(bias):.2f}° too "
+            f"Most of the error is a constant: on average, the measured angle is {abs(bias):.2f}° too "
             f"{'large' if bias > 0 else 'small'}. {without}"
         )
 

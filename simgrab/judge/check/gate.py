@@ -28,6 +28,7 @@ from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
 HARDLY_SWINGS = np.radians(0.1)
+TESTING = ("angle.", "interval.", "detection.", "reading.")  # what a limit must be on to test more than presence
 FEW_SEEDS = 5  # below which the baseline hardly tests other frames
 
 
@@ -235,8 +236,10 @@ def judged(
             "frames, or another part of the motion (swing.settle_s, swing.start)"
         )
     elif met := lax(verdicts, limits):
-        passed = ", ".join(f"{v.what} {v.limit} (by {v.constant:.4g})" for v in met)
+        passed = ", ".join(f"{v.what} {v.limit} (constant: {v.constant:.4g})" for v in met)
         notes.append(f"{name}: warning: too loose, since the same angle in every frame would pass: {passed}")
+    elif limits and not any(metric.startswith(TESTING) for metric in limits):
+        notes.append(f"{name}: warning: no limit is on angle.*, so that the same angle in every frame may pass")
     return Outcome(verdicts, found.metrics, 0.0, notes=tuple(notes), trial=found, limits=limits)
 
 

@@ -14,7 +14,7 @@ from simgrab.model.truth import Row
 
 MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for two mistakes at once
 FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for radians is far from them
-OFFSET = 0.25  # how far a factor of the offset may be from 0, without it, or from -1, with the opposite sign
+NEAR = 0.25  # how far a factor may be from 0 of what is left out, or from -1 of what has the opposite sign
 CLEARLY = 1.2  # times the next best explanation's error
 NOTHING = 1e-6  # rad, below which errors are rounding
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must leave at most
@@ -23,12 +23,14 @@ ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must le
 class Mistake(NamedTuple):
     """What explains errors of angles, or nothing that has a name, and the errors (n,), rad, that it leaves.
 
-    ``fitted`` is the number of parameters that were fitted to these errors.
+    ``fitted`` is the number of parameters that were fitted to these errors, and ``of_tilt`` whether they are of a tilt,
+    which may be wrong because of something else.
     """
 
     text: str
     left: Array
     fitted: int = 0
+    of_tilt: bool = False
 
     @property
     def rms(self) -> float:
@@ -78,15 +80,14 @@ def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistak
 
 
 def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mistake]:
-    """Explain by a tilt, a focal length or an offset, and by a constant.
+    """Explain by a tilt, a focal length, an offset or the lens's distortion, and by a constant.
 
-    With a wrong focal length or offset the tilt may be right, or be estimated from the same record: only where that
-    explains clearly more than a wrong tilt alone.
+    With one of the others wrong, the tilt may be right, or be estimated from the same record: only where that explains
+    clearly more than a wrong tilt alone.
     """
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
     swing, ray, axis = _level(grab), _level(grab - camera.translation), camera.rotation[:, :2, 2]
-    shift = camera.translation[:, :2] / np.linalg.norm(grab, axis=1, keepdims=True)
 
     def fitted(predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
         x = least_squares(lambda x: predict(x) - measured, start).x
@@ -97,15 +98,35 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mist
 
     lean, left = fitted(of, 1e-3, 1e-3)
     tilt = axis.mean(axis=0)
-    left_out = np.linalg.norm(lean + tilt) < np.linalg.norm(tilt) / 5
-    why = f", as if the tilt of {np.degrees(np.linalg.norm(tilt)):.1f}° were left out" if left_out else ""
-    tilted = Mistake(f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong{why}", left, 2)
+    deg, part = np.degrees(np.linalg.norm(tilt)), np.linalg.norm(tilt) / 5
+    signs = {
+        1: f", as if the tilt of {deg:.1f}° were left out",
+        2: f", as if the tilt of {deg:.1f}° had the opposite sign",
+    }
+    why = next((text for n, text in signs.items() if np.linalg.norm(lean + n * tilt) < part), "")
+    wrong = f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong{why}"
+    tilted = Mistake(wrong, left, 2, of_tilt=True)
 
     def least(*found: tuple[Array, Array], text: Callable[[float], str]) -> Mistake:
         """Take the explanation that leaves the least, by a factor alone, or with a tilt, of which more is asked."""
         named = [Mistake(text(float(x[0])), left, len(x)) for x, left in found]
         most = tilted.rms / CLEARLY**2 - NOTHING if len(true) >= ENOUGH else -math.inf
         return min((m for m in named if m.fitted == 1 or (m.text and m.rms < most)), key=lambda m: m.rms)
+
+    def of_what(what: str, error: Array) -> Mistake:
+        """Explain by a factor of what moves the swing (n, 2) by an error where it is left out."""
+
+        def text(factor: float) -> str:
+            how = (
+                "left out" if abs(factor) < NEAR else "applied with the opposite sign" if abs(factor + 1) < NEAR else ""
+            )
+            return how and f"if {what} were {how}"
+
+        return least(
+            fitted(lambda x: of((1 - x[0]) * error), 0.0),
+            fitted(lambda x: of((1 - x[0]) * error + x[1:]), 0.0, 1e-3, 1e-3),
+            text=text,
+        )
 
     f_px, across = rows[0].fx_px, float(np.linalg.norm(camera.translation[:, :2].mean(axis=0)))
     focal = least(
@@ -116,17 +137,20 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mist
             f"with a focal length of {f_px / x:.0f} px in place of {f_px:.0f} px" * (FOCAL[0] < x < FOCAL[1])
         ),
     )
-    offset = least(
-        fitted(lambda x: of((x[0] - 1) * shift), 0.0),
-        fitted(lambda x: of((x[0] - 1) * shift + x[1:]), 0.0, 1e-3, 1e-3),
-        text=lambda x: (
-            f"if the camera's offset of {across:.2f} m were left out" if abs(x) < OFFSET
-            else f"if the camera's offset of {across:.2f} m had the opposite sign" if abs(x + 1) < OFFSET else ""
-        ),
-    )  # fmt: skip
+    offset = of_what(
+        f"the camera's offset of {across:.2f} m",
+        -camera.translation[:, :2] / np.linalg.norm(grab, axis=1, keepdims=True),
+    )
     found = [tilted, focal, offset]
     if offset.text and max(offset.rms, tilted.rms) < CLEARLY * min(offset.rms, tilted.rms):
         found = [tilted._replace(text=f"{offset.text}, or {tilted.text}"), focal]
+    pixels = np.array([[row.grab_u_px, row.grab_v_px, row.ideal_u_px, row.ideal_v_px] for row in rows], float)
+    if any(row.k1 or row.k2 for row in rows) and np.isfinite(pixels).all():
+        middle = np.array([[row.cx_px, row.cy_px] for row in rows])
+        flat = (pixels.reshape(-1, 2, 2) - middle[:, None]) / f_px
+        bent, straight = np.moveaxis(np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1), 1, 0)
+        bent, straight = (_level(np.einsum("nij,nj->ni", camera.rotation, rays)) for rays in (bent, straight))
+        found.append(of_what("the lens's distortion", bent - straight))
     as_with = [one._replace(text=one.text and f"The angles are as {one.text}") for one in found]
     return [*as_with, Mistake("", measured - true - np.mean(measured - true))]
 

@@ -155,4 +155,6 @@ def _nothing(metric: str, trial: Trial) -> str:
             "no value: alarms need frames in time, and this scene draws each on its own; give it swing.model = "
             '"dynamic", or move the limit into [scenes.NAME.limits] of one that has it, such as work-cycles'
         )
+    if metric.startswith("angle.") and not unknown(metric) and metrics.get("frames.ok"):
+        return "no value: the scene has no frame of that kind"
     return unknown(metric) or "no value: the instrument did not output the field, or the scene has no such data"
