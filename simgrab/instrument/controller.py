@@ -170,9 +170,10 @@ class ClockOffset:
 
 def in_words(offset_s: float, interval_s: Sequence[float], source: str, by_swing_s: float | None) -> str:
     """State a clock's offset with its interval of 95 %, and the offset that the swing shows, if it shows one."""
-    low, high = interval_s
-    said = f"{offset_s:+.2f} s ({low:+.2f} to {high:+.2f}) behind the pictures', from {source}"
-    return said + ("" if by_swing_s is None else f"; {by_swing_s:+.2f} s by the swing, which is used")
+    side, sign = ("ahead of", -1) if offset_s < 0 else ("behind", 1)
+    low, high = sorted(sign * end for end in interval_s)
+    said = f"{sign * offset_s:+.2f} s ({low:+.2f} to {high:+.2f}) {side} the pictures', from {source}"
+    return said + ("" if by_swing_s is None else f"; {sign * by_swing_s:+.2f} s by the swing, which is used")
 
 
 def _unit(misfit: Callable[[float], float], display: Array, stated: str) -> str:

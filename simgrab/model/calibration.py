@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import tomli_w
@@ -39,7 +39,10 @@ class Calibration(Checked, frozen=True):
     offset_sd_m : float
         Standard deviation of each component of the offset.
     roll_deg : float
-        Nominal turn of the picture about the optical axis, which orients the offset in the picture.
+        Nominal turn of the camera about its optical axis, which orients the offset in the picture: positive if outboard
+        is left of the picture's top.
+    mount : str
+        ``"fixed"`` if the camera is known not to lean as the crane moves; else empty.
     display_constant_m : float
         |OA| minus the hoist rope's length on the display.
     digit_layout : Layout or None
@@ -65,6 +68,7 @@ class Calibration(Checked, frozen=True):
     offset_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
     offset_sd_m: Annotated[float, Meta(ge=0, le=1000)] = 0.5
     roll_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    mount: Literal["", "fixed"] = ""
     display_constant_m: Metres = 0.0
     digit_layout: Layout | None = None
     assumed: tuple[str, ...] = ()
@@ -89,7 +93,7 @@ class Calibration(Checked, frozen=True):
     def to_toml(self) -> str:
         """Return the camera TOML."""
         data = msgspec.to_builtins(self)
-        return tomli_w.dumps({key: value for key, value in data.items() if value not in (None, [], ())})
+        return tomli_w.dumps({key: value for key, value in data.items() if value not in (None, [], (), "")})
 
     def save(self, path: Path) -> None:
         """Write a camera TOML."""

@@ -20,7 +20,7 @@ from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
 from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.estimate import PaperIteration, PendulumSmoother
-from simgrab.instrument.estimate.follow import Known
+from simgrab.instrument.estimate.follow import Known, far_offset
 from simgrab.instrument.estimate.follow import load as load_tilt
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
@@ -502,6 +502,24 @@ def test_an_estimated_offset_far_from_the_stated_one_is_named(moved_m, text):
     found = assumptions(camera, None, tilt, Pipeline(None, None), ())["beyond"]
     assert text in found
     assert bool(found) == bool(text)
+
+
+@pytest.mark.parametrize(("y", "named"), [(0.46, False), (0.44, True)])
+def test_an_offset_that_only_a_pitching_camera_explains_is_named(y, named):
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=(0.0, 0.6, -0.3), offset_sd_m=0.05)
+    said = far_offset(camera.offset_m, camera, by_motion=True, fixed=np.array([0.0, y, -0.3]))
+    assert (
+        "of a camera that does not pitch with the jib, the offset would be (0.00, 0.44, -0.30) m, 3.2" in said
+    ) == named
+
+
+def test_a_camera_that_is_known_to_be_fixed_is_not_doubted():
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0)
+    measured = (Measurement(status="ok", alpha=0.1, alpha_low=0.0, alpha_high=0.2),)
+    for mount, leans in (("", True), ("fixed", False)):
+        one = msgspec.structs.replace(camera, mount=mount)
+        found = assumptions(one, None, None, Pipeline(None, None), measured, timed=True)["leans"]
+        assert bool(found) == leans
 
 
 def test_without_a_rope_length_the_whole_offset_is_taken_for_tilt():

@@ -25,7 +25,7 @@ from simgrab.model.records.estimates import Estimate
 Meta = msgspec.Meta
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
 LEVEL = 0.95
-FAR = 2.0  # standard deviations
+FAR, FAR_IF_FIXED = 2.0, 3.0  # standard deviations
 LEAST_OFFSET_SD_M = 0.01  # of a tape measure
 
 
@@ -161,19 +161,41 @@ def follow(
     return np.where(seen, alpha[0], np.nan), np.where(some, ends, np.nan), np.where(some, across[0].T, np.nan)
 
 
-def far_offset(found: Sequence[float] | None, calibration: Calibration, *, by_motion: bool = False) -> str:
+def far_offset(
+    found: Sequence[float] | None, calibration: Calibration, *, by_motion: bool = False, fixed: Array | None = None
+) -> str:
     """Name an estimated offset, m, that is far from the stated one; empty if it is not, or was not estimated.
 
-    ``by_motion``: whether it was estimated with the controller's slewing and radius.
+    Parameters
+    ----------
+    found : sequence of 3 floats or None
+    calibration : Calibration
+    by_motion : bool
+        Whether it was estimated with the controller's slewing and radius.
+    fixed : ndarray, shape (3,), optional
+        Estimate for a camera that does not move, where the other allows for pitch, which may look like an offset.
     """
     if found is None:
         return ""
+    if (far := _deviations(found, calibration)) > FAR:
+        also = ", and the controller's slewing angle and radius, which it was estimated with" if by_motion else ""
+        return (
+            f"the camera offset is estimated as {_metres(found)}, {far:.1f} standard deviations from offset_m; are its "
+            f"axes and signs right, and the rope's length{also}?"
+        )
+    if fixed is not None and (far := _deviations(fixed, calibration)) > FAR_IF_FIXED:
+        return (
+            f"of a camera that does not pitch with the jib, the offset would be {_metres(fixed)}, {far:.1f} standard "
+            "deviations from offset_m; are its axes and signs right?"
+        )
+    return ""
+
+
+def _deviations(found: Sequence[float] | Array, calibration: Calibration) -> float:
+    """How far an offset is from the stated one, in standard deviations of its most different component."""
     off = max(abs(one - stated) for one, stated in zip(found, calibration.offset_m, strict=True))
-    far = off / max(calibration.offset_sd_m, LEAST_OFFSET_SD_M)
-    if far <= FAR:
-        return ""
-    also = ", and the controller's slewing angle and radius, which it was estimated with" if by_motion else ""
-    return (
-        f"the camera offset is estimated as ({', '.join(f'{one:.2f}' for one in found)}) m, {far:.1f} standard "
-        f"deviations from offset_m; are its axes and signs right, and the rope's length{also}?"
-    )
+    return float(off / max(calibration.offset_sd_m, LEAST_OFFSET_SD_M))
+
+
+def _metres(offset: Sequence[float] | Array) -> str:
+    return f"({', '.join(f'{one:.2f}' for one in offset)}) m"

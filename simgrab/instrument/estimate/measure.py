@@ -158,7 +158,8 @@ def measure(
     record, found, why = solve(record, calibration, kind, controller)
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
     by_motion = getattr(kind, "controller", None) is not None and not kind.needs_imu
-    far = "" if found.offset is None else far_offset(found.offset.tolist(), calibration, by_motion=by_motion)
+    offset, fixed = found.offset, found.diagnostics.get("offset_if_fixed_m")
+    far = "" if offset is None else far_offset(offset.tolist(), calibration, by_motion=by_motion, fixed=fixed)
     late = found.diagnostics.get("clock_s") if by_motion else None
     notes: tuple[str, ...] = ()
     if controller is not None and clock is not None:

@@ -71,12 +71,13 @@ THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A fitted record: its nodes, the fit, the jib's motion, and the sensor's, if there is one."""
+    """A fitted record: nodes, fit, the jib's motion, the sensor's if there is one, and the offset of a fixed camera."""
 
     nodes: Nodes
     fit: PendulumFit
     jib: JibMotion
     sensed: Sensed | None
+    fixed: Array
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,8 @@ class PendulumSmoother(PathEstimator):
     -----
     Frames without a pixel get an α too. σ describes this record; only its blocks show how well it represents other
     records. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (slow forcing, rad per axis),
-    ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``outliers`` (frames that lost nine tenths of their weight).
+    ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``offset_if_fixed_m`` (`RopeAware`'s), ``outliers`` (frames
+    that lost nine tenths of their weight).
     With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` (by which its clock is behind that of
     the pictures), of the camera ``follows`` (share of apparent gravity, 1 if it levels itself and 0 if not),
     ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad), ``not_free`` (share of the record
@@ -208,7 +210,7 @@ class PendulumSmoother(PathEstimator):
         if found.converged and noise > max(MOST_NOISE, moves):
             off = f"{np.degrees(noise):.1f} deg"
             return f"the grab does not move like a pendulum, but {off} off in each frame: are these frames of a video?"
-        return Solved(nodes, found, jib, motion) if found.converged else NOT_CONVERGED
+        return Solved(nodes, found, jib, motion, rough.offset[0]) if found.converged else NOT_CONVERGED
 
     def _fit(self, frames: Frames, swing: Array, start: Array, priors: PendulumPriors) -> tuple[Nodes, PendulumFit]:
         """Fit the strengths to a thinned record if it is long, then fit the whole record."""
@@ -259,6 +261,7 @@ class PendulumSmoother(PathEstimator):
                 "damping": found.parameters[DAMPING],
                 "stiffness": found.parameters[STIFFNESS],
                 "rounds": found.rounds,
+                "offset_if_fixed_m": solved.fixed,
                 "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
             }
             | (_of_jib(found) if jib.moves else {}),

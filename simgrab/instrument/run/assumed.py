@@ -19,8 +19,8 @@ from simgrab.model.geometry import Array
 ROPE_M = 20.0  # of an example
 LEAST_BOXES = 40
 LEANS = (  # by 1.89° at most in the 44 s of docs/tutorials/levelled-camera.md
-    "unless the camera is fixed, it leans as the crane moves: errors of up to 2° that no 95 % interval here includes; "
-    "{} measures the lean"
+    'unless the camera is fixed (mount = "fixed" in the camera file), it leans as the crane moves: errors of up to 2° '
+    "that no 95 % interval here includes; {} measures the lean"
 )
 MOST_ERROR = 0.08  # of the longest rope, where the shortest is far shorter
 _TEXTS = {
@@ -56,7 +56,7 @@ def assumptions(
         used, controller = instrument.chosen(camera, live=True), instrument.controller
         used = used if controller is None else in_wind(used, controller, controller.time)
     intervals = any(m.alpha_low is not None for m in measured)
-    leans = timed and intervals and used is not None and not moving(used)
+    leans = timed and intervals and used is not None and not moving(used) and camera.mount != "fixed"
     width, owed = _widths(camera, record, instrument) or (None, None)
     x, y, z = camera.offset_m
     offset = f"camera offset ({x:g}, {y:g}, {z:g}) ± {camera.offset_sd_m:g} m"
@@ -74,7 +74,8 @@ def assumptions(
     elif outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
     by_motion = moving(used) and not (used is not None and used.needs_imu)
-    far = "" if tilt is None else far_offset(tilt.offset_m, camera, by_motion=by_motion)
+    fixed = None if record is None or record.estimate is None else record.estimate.diagnostics.get("offset_if_fixed_m")
+    far = "" if tilt is None else far_offset(tilt.offset_m, camera, by_motion=by_motion, fixed=fixed)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
             "leans": LEANS.format("--imu" if record is None else "--plc or --imu") if leans else "",
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured)]))}  # fmt: skip

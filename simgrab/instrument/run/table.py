@@ -114,11 +114,15 @@ def held(run: Run) -> list[tuple[str, str]]:
 
 
 def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, str]]:
-    """State what the intervals of a whole record assume to be independent."""
+    """State the tilt's interval, and what the intervals of a whole record assume to be independent."""
     stated = {i["kind"]: i for i in estimate["intervals"] if i["beta_deg"] is not None}
-    if "posterior" in stated or not stated:
+    if not stated:
         return []
-    return [("95 % intervals by", f"frames that are {WORKING.apart_s:g} s apart" if timed else "frames")]
+    low, high = stated.get("blocks", next(iter(stated.values())))["beta_deg"]
+    of_tilt = [("tilt, 95 %", f"{low:.2f} to {high:.2f} deg")]
+    if "posterior" in stated:
+        return of_tilt
+    return [*of_tilt, ("95 % intervals by", f"frames that are {WORKING.apart_s:g} s apart" if timed else "frames")]
 
 
 def _number(value: Any) -> str:

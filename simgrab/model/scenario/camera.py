@@ -99,7 +99,9 @@ class Camera(Strict, frozen=True):
     distortion: Annotated[Lens, about("Lens distortion, Brown–Conrady in OpenCV's order and signs.")] = Lens()
     beta_deg: Annotated[float, about("Tilt β: the angle between optical axis and gravity.", ge=0, le=30)] = 3.0
     tilt_azimuth_deg: Annotated[Azimuth, about("Azimuth of the tilt, from outboard.")] = 0.0
-    roll_deg: Annotated[float, about("Turn of the camera about its optical axis.", ge=-180, le=180)] = 0.0
+    roll_deg: Annotated[
+        float, about("Turn about the optical axis; positive: outboard is left of the top.", ge=-180, le=180)
+    ] = 0.0
     offset_x_m: Annotated[float, about("Camera centre minus rope exit O, outboard.", ge=-3, le=3)] = 0.0
     offset_y_m: Annotated[float, about("Camera centre minus rope exit O, along y of the jib frame.", ge=-3, le=3)] = 0.6
     offset_z_m: Annotated[float, about("Camera centre minus rope exit O, upwards.", ge=-3, le=1)] = -0.3
