@@ -26,7 +26,7 @@ from faults import FAULTS, LongLens, sound
 
 import simgrab
 from simgrab.cli import cli
-from simgrab.errors import SuiteError
+from simgrab.errors import ScenarioError, SuiteError
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
@@ -290,6 +290,15 @@ class Times:
     def __call__(self, frames, calibration):
         for m in self.pipeline.record(frames, calibration).measurements:
             yield msgspec.structs.replace(m, alpha=self.factor * m.alpha, alpha_low=None, alpha_high=None)
+
+
+def test_an_impossible_scene_is_refused_before_another_is_rendered(tmp_path, monkeypatch):
+    deep = {"scene": "quay-day", "frames": 2, "changes": {"swing.rope_length_m": 27.9, "swing.clamp": False}}
+    path = write(tmp_path, scenes={**SUITE["scenes"], "deep": deep})
+    monkeypatch.setattr(gate.cache, "rendered", lambda *_args, **_options: pytest.fail("rendered"))
+    for run, given in ((gate.check, {"baseline": None}), (gate.record, {})):
+        with pytest.raises(ScenarioError, match="into the ground"):
+            run(suite.load(path), options(tmp_path, sound, **given))
 
 
 def test_a_wrong_tilt_is_named(place, tmp_path):

@@ -13,7 +13,7 @@ from platformdirs import user_cache_path
 
 from simgrab.dataset import datasets, manifest
 from simgrab.dataset.datasets import MANIFEST, Dataset
-from simgrab.dataset.pool import automatic
+from simgrab.dataset.pool import Workers, automatic, vetted
 from simgrab.dataset.render import render
 from simgrab.errors import DatasetError, RendererError
 from simgrab.io.destination import writing
@@ -61,7 +61,7 @@ def rendered(
     ScenarioError, DatasetError, RendererError
         As for `simgrab.dataset.render.render`.
     """
-    folder = where / f"{scenario.name}-{_key(scenario)}"
+    folder = _folder(scenario, where)
     with ExitStack() as stack:
         with writing(where, DatasetError):
             where.mkdir(parents=True, exist_ok=True)
@@ -73,6 +73,22 @@ def rendered(
         workers = min(workers, automatic(Recipe(scenario))[0])
         render(scenario, folder, workers=workers, cluster=cluster, resume=True, progress=progress)
         return datasets.read(folder)
+
+
+def check_possible(scenario: Scenario, where: Path) -> None:
+    """Refuse a scenario with an impossible frame, unless it was rendered before, or varies: that takes long.
+
+    Raises
+    ------
+    ScenarioError
+    """
+    recipe = Recipe(scenario)
+    if not (recipe.varies or (_folder(scenario, where) / MANIFEST).exists()):
+        vetted(Workers(recipe))
+
+
+def _folder(scenario: Scenario, where: Path) -> Path:
+    return where / f"{scenario.name}-{_key(scenario)}"
 
 
 def _sound(folder: Path) -> bool:

@@ -97,6 +97,7 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
     if shares := suite.shares_of_counts():
         notes += (f"warning: limits between 0 and 1 on counts, which are no shares: {', '.join(shares)}",)
+    _check_possible(suite, seed, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
@@ -133,6 +134,7 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
         instrument = _instrument(suite, options)
     except InstrumentError as problem:
         return _unmade(suite, options, suite.seed, problem)
+    _check_possible(suite, suite.seed, options)
     several = tuple(range(suite.seed, suite.seed + (seeds or suite.seeds)))
     scenes: dict[str, Outcome] = {}
     trials: dict[str, list[Trial]] = {name: [] for name in suite.scenes}
@@ -160,6 +162,12 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
 def _instrument(suite: Suite, options: CheckOptions) -> Instrument:
     chosen = suite.instrument if options.instrument is None else options.instrument
     return open_instrument(chosen) if isinstance(chosen, str) else checked(chosen)
+
+
+def _check_possible(suite: Suite, seed: int, options: CheckOptions) -> None:
+    """Refuse a later scene that is impossible before the first one is rendered."""
+    for name in list(suite.scenes)[1:]:
+        cache.check_possible(suite.scenario(name, seed), options.cache)
 
 
 def _foreign(suite: Suite, options: CheckOptions) -> bool:
