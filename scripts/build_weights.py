@@ -119,6 +119,7 @@ JUDGES = ("controllers", "household")
 
 def _hung(names: Sequence[str], split: Mapping[str, Any], over: int, among: int, seed: int) -> Iterator[Source]:
     for i, name in enumerate(names):
+        # As many in a hurry that leaving them out, by --without, shows.
         yield Source(f"{name}-photographs", f"{SHAPES}/{name}.toml", split, over, 150, seed + i, size=SMALL)
         yield Source(f"{name}-places", f"{SHAPES}/{name}-places.toml", split, among, 24, seed + i, size=HALF)
 
@@ -256,6 +257,10 @@ def main(
     device: str, loaders: int,
 ) -> None:  # fmt: skip
     """Make the weights of the digit reader and of the detector again."""
+    if without and (only == "reader" or out):
+        raise click.UsageError(
+            "--without is for the detector alone, which is not copied: leave out --only reader and --out"
+        )
     need_torch()
     work = work or ROOT / "runs" / ("weights-quick" if quick else "weights")
     out = out or (work / "weights" if quick else WEIGHTS)

@@ -4,12 +4,13 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
-from conftest import SMALL, as_options
+from conftest import SMALL, as_options, small_scene
 
 import simgrab
 from simgrab.cli import cli
 from simgrab.dataset import price
 from simgrab.dataset.pool import Workers
+from simgrab.dataset.render import render
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 
@@ -21,7 +22,7 @@ class Serial(Workers):
     """Several workers whose work is done here, one after another."""
 
     def map(self, work, units, **_options):
-        return [work(FrameGenerator(self.recipe), unit, lambda: None) for unit in units]
+        yield from (work(FrameGenerator(self.recipe), unit, lambda: None) for unit in units)
 
 
 def begins(frame):
@@ -51,7 +52,7 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
         assert found.seconds == pytest.approx(share * (places * CHECK + rendered))
         assert found.size == sum(1000 * begins(frame) + len(b"null") for frame in range(frames))
         assert found.worlds == -(-frames // 8)
-        assert 2 * 5 <= found.judged <= 4 * 5
+        assert 2 * 5 <= found.tried <= 4 * 5
     clock.now = 0.0
     same = simgrab.load("quay-day", {"frames": 1000})
     assert price.measured(Serial(Recipe(same), 1)).worlds == 1
@@ -85,6 +86,23 @@ def test_many_frames_are_priced_before_the_first_and_few_are_not(monkeypatch, tm
     few = CliRunner().invoke(cli, [*small, "--frames", "2", "--out", str(tmp_path / "few")])
     assert (many.exit_code, few.exit_code) == (0, 0)
     assert "about" not in few.output
+
+
+def test_workers_that_priced_a_dataset_render_the_same(monkeypatch, tmp_path):
+    monkeypatch.setattr(price, "FEW", 4)
+    scene = small_scene(
+        frames=4, clip__clip_frames=2, vary={"camera.beta_deg": {"dist": "uniform", "low": 2, "high": 6}}
+    )
+    priced = []
+    render(scene, tmp_path / "two", workers=2, priced=priced.append)
+    render(scene, tmp_path / "one")
+    (found,) = priced
+    assert (found.frames, found.worlds, found.tried) == (4, 2, 4)
+    assert found.size == pytest.approx(sum(f.stat().st_size for f in (tmp_path / "one/images").rglob("*.jpg")), rel=0.3)
+    one, two = ((tmp_path / name / "labels.parquet").read_bytes() for name in ("one", "two"))
+    assert one == two
+    pictures = [sorted((tmp_path / name / "images").rglob("*.jpg")) for name in ("one", "two")]
+    assert [p.read_bytes() for p in pictures[0]] == [p.read_bytes() for p in pictures[1]]
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(44, "44 seconds"), (150, "2.5 minutes"), (46_800, "13 hours")])

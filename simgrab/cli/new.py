@@ -37,7 +37,7 @@ PAINTS = {
 FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S, DIG_S = 75, 25
-AROUND_M = (0.1, 0.05, 0.02, 0.0)  # how far the camera may be from where it is said to be; less near steel
+MOST_AROUND_M = 0.1  # how far each component of the offset may be off
 SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may take
 # By option: the question, and what stands for an answer.
 ASKED = {
@@ -350,28 +350,29 @@ def _tolerances(facts: Mapping[str, tuple[float, float, float, float]]) -> str:
     """Lines of what varies: by key the fact, its tolerance, and what the key admits at least and at most."""
     lines = []
     for key, (fact, by, least, most) in facts.items():
+        if not by:
+            continue
         low, high = (round(min(max(end, least), most), 3) for end in (fact - by, fact + by))
         lines.append(f'"{key}" = {{ dist = "uniform", low = {low:g}, high = {high:g} }}')
     return "\n".join(lines)
 
 
 def _around(offset: tuple[float, ...]) -> float:
-    """How far the camera may be from its offset, m, without being in the jib head's steel."""
+    """How far each component of the camera's offset may be off, m, without the camera being in the jib head's steel."""
     import numpy as np
 
     from simgrab.model.scenario import Jib
-    from simgrab.world.scenery.clearance import sees_past
+    from simgrab.world.scenery.clearance import LEAST_ROOM_M, room_m
     from simgrab.world.scenery.meshes.jib import jib_steel
     from simgrab.world.scenery.meshes.ropes import Ropes
 
-    steel = jib_steel(Ropes.of(Jib(), 4))
-    for around in AROUND_M:
-        ends = [sorted({value - around, value, value + around}) for value in offset]
-        if all(sees_past(np.array(place), steel) for place in itertools.product(*ends)):
-            return around
-    raise _refusal(
-        "offset", f"{','.join(f'{v:g}' for v in offset)} m is in the jib head's steel, for instance 0,0.6,-0.3"
-    )
+    room = room_m(np.array(offset), jib_steel(Ropes.of(Jib(), 4))) - LEAST_ROOM_M
+    if room < 0:
+        at = ",".join(f"{value:g}" for value in offset)
+        raise _refusal(
+            "offset", f"{at} is in the jib head's steel or less than {LEAST_ROOM_M:g} m from it; 0,0.6,-0.3 is not"
+        )
+    return min(MOST_AROUND_M, math.floor(100 * room / math.sqrt(3)) / 100)
 
 
 def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:

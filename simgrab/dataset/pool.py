@@ -211,6 +211,10 @@ class Output(Protocol):
     def begun(self) -> bool:
         """Whether an earlier run has checked that the recipe is possible."""
 
+    @property
+    def most(self) -> int:
+        """Units at most; more processes have nothing to do."""
+
     def opened(self) -> AbstractContextManager[Sequence[FrameNumbers]]:
         """Claim the place; yields the units that remain."""
 
@@ -231,13 +235,14 @@ def fill(
 ) -> int:  # fmt: skip
     """Make the missing units of an output, and finish it; returns the number of frames made.
 
-    ``before`` is called before worlds are checked, unless an earlier run has begun.
+    Unless an earlier run has begun, ``before`` is called before the first frame, and before worlds that vary are
+    checked.
     """
     if not output.check(resume=resume):
         return 0
-    with Workers(recipe, workers, cluster) as processes:
+    with Workers(recipe, min(workers, output.most), cluster) as processes:
         if not output.begun:
-            if not recipe.varies:
+            if not recipe.varies:  # its plan then serves `before` too
                 processes.known = vetted(processes)
             if before:
                 before(processes)
@@ -249,6 +254,7 @@ def fill(
             with contextlib.closing(processes.map(output.work, units, progress=advance)) as rendering:
                 for made in rendering:
                     output.take(made)
+            processes.close()
             output.finish()
     return frames
 
@@ -256,7 +262,7 @@ def fill(
 class Workers:
     """Make frames of one recipe in this process, in several, or on a cluster. Use as a context manager.
 
-    Each process has a frame generator, which lasts from one `map` to the next.
+    Each process of this machine has a frame generator, which lasts from one `map` to the next.
 
     Parameters
     ----------
@@ -268,28 +274,33 @@ class Workers:
 
     Attributes
     ----------
-    known : Vetted
+    known : Vetted or None
         Results of checking the recipe, once there are any.
     """
 
     def __init__(self, recipe: Recipe, count: int = 1, cluster: str | None = None) -> None:
-        self.recipe, self.count, self._cluster = recipe, count, cluster
-        self.known = Vetted(0)
+        self.recipe, self.count, self.cluster = recipe, count, cluster
+        self.known: Vetted | None = None
         self._pool: Executor | None = None
         self._generator: FrameGenerator | None = None
 
     @property
     def alone(self) -> bool:
         """Whether this process makes the frames."""
-        return self.count == 1 and self._cluster is None
+        return self.count == 1 and self.cluster is None
 
     def __enter__(self) -> Workers:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the processes, and free OpenGL."""
         for one in (self._pool, self._generator):
             if one is not None:
                 one.close()
+        self._pool = self._generator = None
 
     def map(
         self, work: Work[T], units: Sequence[FrameNumbers], *, progress: Callable[[int], None]
@@ -311,7 +322,7 @@ class Workers:
         WorkerError
             If processes die repeatedly at one unit. Errors of ``work`` are raised unchanged.
         """
-        found = self.known.projections
+        found = self.known.projections if self.known else {}
         if not self.alone:
             orders = ((unit, {n: found[n] for n in unit if n in found}) for unit in units)
             self._pool = self._pool or self._opened()
@@ -320,15 +331,15 @@ class Workers:
                 yield from done
             return
         counted = itertools.count(1)
-        self._generator = self._generator or FrameGenerator(self.recipe, self.known.plan)
+        self._generator = self._generator or FrameGenerator(self.recipe, self.known.plan if self.known else None)
         self._generator.projections = found
         for unit in units:
             yield work(self._generator, unit, lambda: progress(next(counted)))
 
     def _opened(self) -> Executor:
-        threads = None if self._cluster else max(1, machine.cores() // self.count)
+        threads = None if self.cluster else max(1, machine.cores() // self.count)
         return open_pool(
-            self.count, self._cluster, setup=functools.partial(_open, self.recipe, threads),
+            self.count, self.cluster, setup=functools.partial(_open, self.recipe, threads),
             memory_bytes=memory_bytes(self.recipe), environment=gl.threads(threads), silent_s=SILENT_S,
         )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
 import math
@@ -33,10 +34,11 @@ class Price:
     Attributes
     ----------
     frames, worlds : int
+        Worlds are the draws of what varies; 1 if nothing does.
     seconds : float
     size : int
         Bytes on the disk.
-    judged : int
+    tried : int
         Frames that were made for it.
     """
 
@@ -44,20 +46,20 @@ class Price:
     worlds: int
     seconds: float
     size: int
-    judged: int
+    tried: int
 
     def __str__(self) -> str:
         worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
         checked = ", with the check of all draws," if self.worlds > 1 else ""
         return (
             f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}, "
-            f"judged by {self.judged} of the frames"
+            f"estimated from {self.tried} frames"
         )
 
 
 def announce(priced: Callable[[Price], None] | None, workers: Workers, *, files: bool, video: bool) -> None:
-    """Call ``priced`` with the price of many frames; see `measured`."""
-    if priced and workers.recipe.scenario.frames >= FEW:
+    """Call ``priced`` with the price of many frames; see `measured`. Of a cluster it is not known."""
+    if priced and workers.cluster is None and workers.recipe.scenario.frames >= FEW:
         priced(measured(workers, files=files, video=video))
 
 
@@ -83,8 +85,9 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     samples, tried, begun, seconds = list[_Sample](), 0, time.perf_counter(), math.inf
     while tried < len(places) and time.perf_counter() - begun < _SHARE * seconds:
         units = [(place,) for place in places[tried : tried + max(1 if tried else _LEAST, workers.count)]]
-        each = workers.map(functools.partial(_sampled, periods, check=varies), units, progress=lambda _: None)
-        samples += itertools.chain.from_iterable(each)
+        work = functools.partial(_sampled, periods, check=varies)
+        with contextlib.closing(workers.map(work, units, progress=lambda _: None)) as each:
+            samples += itertools.chain.from_iterable(each)
         tried += len(units)
         walls, cores, sizes = (_total(counts, samples, of) for of in ("wall_s", "core_s", "size"))
         seconds = max(walls / processes, cores / machine.cores())

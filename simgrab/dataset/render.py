@@ -79,7 +79,7 @@ def render(
     checking : callable, optional
         Called before that, if there are many worlds, with (worlds found possible, worlds in all).
     priced : callable, optional
-        Called before both, if there are many frames and none is made yet, with an estimate of time and size.
+        Called before the first frame with an estimate of time and size, if there are many frames, and no cluster.
     randomiser, trajectory, effects
         Functions of yours, as `simgrab.frames` takes them. The manifest names them, with digests of their source; for
         several workers they must be defined at the top of a module.
@@ -146,6 +146,15 @@ class _Folder:
     @property
     def begun(self) -> bool:
         return self.journal.begun
+
+    @property
+    def most(self) -> int:
+        scenario = self._recipe.scenario
+        if self._films:
+            return scenario.clip.count(scenario.frames)
+        return (
+            len(set(map(self._recipe.slowest_draw, range(scenario.frames)))) if self._recipe.varies else scenario.frames
+        )
 
     def check(self, *, resume: bool) -> bool:
         remaining = self.journal.check(self._core, resume=resume)
@@ -248,6 +257,10 @@ class _Shards:
     @property
     def begun(self) -> bool:
         return self._journal.begun
+
+    @property
+    def most(self) -> int:
+        return len(self._spans)
 
     @property
     def _identity(self) -> dict[str, Any]:

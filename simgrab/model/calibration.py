@@ -42,7 +42,8 @@ class Calibration(Checked, frozen=True):
         Nominal turn of the camera about its optical axis, which orients the offset in the picture: positive if outboard
         is left of the picture's top.
     mount : str
-        ``"fixed"`` if the camera is known not to lean as the crane moves; else empty.
+        How the camera hangs: ``"fixed"`` if it does not lean as the crane moves, ``"levelled"``, or ``"rigid"`` if it
+        pitches with the jib; empty if that is not known.
     display_constant_m : float
         |OA| minus the hoist rope's length on the display.
     digit_layout : Layout or None
@@ -68,7 +69,7 @@ class Calibration(Checked, frozen=True):
     offset_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
     offset_sd_m: Annotated[float, Meta(ge=0, le=1000)] = 0.5
     roll_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
-    mount: Literal["", "fixed"] = ""
+    mount: Literal["", "fixed", "levelled", "rigid"] = ""
     display_constant_m: Metres = 0.0
     digit_layout: Layout | None = None
     assumed: tuple[str, ...] = ()

@@ -504,19 +504,32 @@ def test_an_estimated_offset_far_from_the_stated_one_is_named(moved_m, text):
     assert bool(found) == bool(text)
 
 
-@pytest.mark.parametrize(("y", "named"), [(0.46, False), (0.44, True)])
-def test_an_offset_that_only_a_pitching_camera_explains_is_named(y, named):
-    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=(0.0, 0.6, -0.3), offset_sd_m=0.05)
-    said = far_offset(camera.offset_m, camera, by_motion=True, fixed=np.array([0.0, y, -0.3]))
-    assert (
-        "of a camera that does not pitch with the jib, the offset would be (0.00, 0.44, -0.30) m, 3.2" in said
-    ) == named
+@pytest.mark.parametrize(
+    ("y", "mount", "said"),
+    [
+        (0.46, "", ""),
+        (
+            0.44,
+            "",
+            'unless the camera pitches with the jib (mount = "rigid"), the camera offset is (0.00, 0.44, -0.30) m',
+        ),
+        (0.44, "fixed", "the camera offset is (0.00, 0.44, -0.30) m, 3.2 standard deviations from offset_m: "),
+        (0.44, "rigid", ""),
+    ],
+)
+def test_an_offset_that_only_a_pitching_camera_explains_is_named(y, mount, said):
+    offset = (0.0, 0.6, -0.3)
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=offset, offset_sd_m=0.05, mount=mount)
+    found = far_offset(offset, camera, by_motion=True, fixed=np.array([0.0, y, -0.3]))
+    assert found.startswith(said)
+    assert bool(found) == bool(said)
+    assert not far_offset(offset, camera, fixed=np.array([0.0, y, -0.3]))
 
 
 def test_a_camera_that_is_known_to_be_fixed_is_not_doubted():
     camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0)
     measured = (Measurement(status="ok", alpha=0.1, alpha_low=0.0, alpha_high=0.2),)
-    for mount, leans in (("", True), ("fixed", False)):
+    for mount, leans in (("", True), ("levelled", True), ("fixed", False)):
         one = msgspec.structs.replace(camera, mount=mount)
         found = assumptions(one, None, None, Pipeline(None, None), measured, timed=True)["leans"]
         assert bool(found) == leans

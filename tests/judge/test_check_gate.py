@@ -487,7 +487,7 @@ def test_the_page_fits_windows_and_phones(place, tmp_path):
 def test_a_metric_that_is_not_there_fails_and_is_reported(place, tmp_path):
     limits = {"angle.by_weather.fog.rmse_deg": {"upper": 1}, "alarm.missed": {"upper": 0}}
     problems = failed(check(place, small=suite.load(write(tmp_path, limits=limits)), baseline=None))
-    assert "the scene has no frame of that kind" in problems["angle.by_weather.fog.rmse_deg"]
+    assert "no frame of that kind has a measured and a true angle" in problems["angle.by_weather.fog.rmse_deg"]
     assert 'give it swing.model = "dynamic"' in problems["alarm.missed"]  # independent frames know no time
 
 

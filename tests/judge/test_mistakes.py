@@ -91,8 +91,30 @@ def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.05), len(true))
     across = np.linalg.norm(offset[0])
     assert likely(leaning(rows, by) + noise, true, rows, None).text == (
-        f"The angles are as if the camera's offset of {across:.2f} m were {what}"
+        f"The angles are as if the camera's horizontal offset of {across:.2f} m were {what}"
     )
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "also"), [(0.0, ""), (90.0, "if the camera's horizontal offset of 0.60 m were left out")]
+)
+def test_on_a_rope_of_constant_length_an_offset_and_a_tilt_along_it_look_alike(azimuth, also):
+    changes = {"camera.tilt_azimuth_deg": azimuth, "camera.beta_deg": np.degrees(0.6 / 18), "frames": 192}
+    rows, true = rows_of(scenes.load("free-swing", changes))
+    axis = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 2]
+    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.03), len(true))
+    text = likely(leaning(rows, -axis) + noise, true, rows, None).text
+    assert "with a camera tilt that is 1.9" in text
+    assert "as if the tilt of 1.9° were left out" in text
+    assert (also and f"The angles are as {also}, or with a camera tilt" in text) or not also
+
+
+def test_rope_lengths_that_are_far_too_long_are_no_offset():
+    rows, true = truth("offset", "beside")
+    offset = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 3]
+    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
+    found = likely(leaning(rows, (1 / 4 - 1) * offset / length), true, rows, None)
+    assert found is None or "offset" not in found.text
 
 
 @pytest.mark.parametrize("follows", [False, True])

@@ -56,7 +56,7 @@ def render_video(
     checking : callable, optional
         Called before that, if there are many worlds, with (worlds found possible, worlds in all).
     priced : callable, optional
-        Called before both, if there are many frames and none is made yet, with an estimate of time and size.
+        Called before the first frame with an estimate of time and size, if there are many frames, and no cluster.
     randomiser, trajectory, effects
         Functions of yours, as `simgrab.frames` takes them; see `simgrab.render`.
 
@@ -103,6 +103,10 @@ class Clips:
     @property
     def begun(self) -> bool:  # noqa: D102
         return self.videos.journal.begun
+
+    @property
+    def most(self) -> int:  # noqa: D102
+        return self.videos.scenario.clip.count(self.videos.scenario.frames)
 
     def check(self, *, resume: bool) -> bool:  # noqa: D102
         self.remaining = self.videos.unfinished(resume=resume)

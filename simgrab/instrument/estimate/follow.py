@@ -173,7 +173,7 @@ def far_offset(
     by_motion : bool
         Whether it was estimated with the controller's slewing and radius.
     fixed : ndarray, shape (3,), optional
-        Estimate for a camera that does not move, where the other allows for pitch, which may look like an offset.
+        Estimate for a camera that does not pitch with the jib, where the other one allows for that.
     """
     if found is None:
         return ""
@@ -183,10 +183,13 @@ def far_offset(
             f"the camera offset is estimated as {_metres(found)}, {far:.1f} standard deviations from offset_m; are its "
             f"axes and signs right, and the rope's length{also}?"
         )
-    if fixed is not None and (far := _deviations(fixed, calibration)) > FAR_IF_FIXED:
+    if fixed is None or not by_motion or calibration.mount == "rigid":
+        return ""
+    if (far := _deviations(fixed, calibration)) > FAR_IF_FIXED:
+        unless = "" if calibration.mount else 'unless the camera pitches with the jib (mount = "rigid"), '
         return (
-            f"of a camera that does not pitch with the jib, the offset would be {_metres(fixed)}, {far:.1f} standard "
-            "deviations from offset_m; are its axes and signs right?"
+            f"{unless}the camera offset is {_metres(fixed)}, {far:.1f} standard deviations from offset_m: are its axes "
+            "and signs right?"
         )
     return ""
 

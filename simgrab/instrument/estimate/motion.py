@@ -33,7 +33,7 @@ class EstimatedMotion:
     sigma2_variance : float
         Variance of σ².
     offset : ndarray, shape (3,)
-    diagnostics : mapping of str to float
+    diagnostics : mapping of str to float or array
     sigma_across : float
         Variance across σ, which only lengthens it.
     stretch_variance : ndarray, shape (n,), or float

@@ -50,7 +50,7 @@ def rendered(
     where : Path
         The cache.
     workers : int
-        Worker processes, at most; fewer where another one would take longer to begin than it saves.
+        Worker processes, at most: no more than `simgrab.dataset.pool.automatic` chooses.
     cluster : str, optional
         Address of a Ray cluster that renders in their place.
     progress : callable, optional

@@ -54,17 +54,19 @@ def causes(
     if any(what.startswith("detection.centre") for what in failed) and trial.centres:
         worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
         yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
-    yield from _of_lengths(run, trial.known, meets)
+    lengths = list(_of_lengths(run, trial.known, meets))
+    yield from lengths
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)
     if both.any():
         measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
         moves = measured.std() >= swing.std() / STILL
-        mistake = likely(run.alpha, true, trial.known.rows, run.time) if moves else None
+        mistake = likely(run.alpha, true, trial.known.rows, run.time) if moves and not lengths else None
         if mistake and meets(_metrics(true + mistake.left, trial.known)):
             rmse = _rms(measured - swing)
-            yield f"{mistake.text}. Otherwise the RMSE would be {np.rad2deg(mistake.rms):.2f}° instead of {rmse:.2f}°."
+            rest = np.rad2deg(_rms(mistake.left[np.isfinite(mistake.left)]))
+            yield f"{mistake.text}. Otherwise the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
             if not mistake.of_tilt:
                 return
         else:

@@ -28,7 +28,7 @@ from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
 HARDLY_SWINGS = np.radians(0.1)
-TESTING = ("angle.", "interval.", "detection.", "reading.")  # what a limit must be on to test more than presence
+TESTING = ("angle.", "interval.", "detection.", "reading.")  # limits on frames and alarms alone are met by a constant
 FEW_SEEDS = 5  # below which the baseline hardly tests other frames
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from simgrab.model.truth import Row
 
 MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for two mistakes at once
 FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for radians is far from them
-NEAR = 0.25  # how far a factor may be from 0 of what is left out, or from -1 of what has the opposite sign
+NEAR = 0.15  # how far a factor may be from 0 of what is left out, or from -1 of what has the opposite sign
 CLEARLY = 1.2  # times the next best explanation's error
 NOTHING = 1e-6  # rad, below which errors are rounding
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must leave at most
@@ -34,11 +35,11 @@ class Mistake(NamedTuple):
 
     @property
     def rms(self) -> float:
-        """Root mean square of what it leaves, rad, for a fit to any number of frames; infinite for too few."""
+        """Root mean square of what it leaves, rad, over the frames beyond its parameters; infinite for too few."""
         some = self.left[np.isfinite(self.left)]
         if len(some) < min(FEWEST, len(self.left)):
             return math.inf
-        return float(np.sqrt(np.sum(some**2) / max(len(some) - self.fitted, 1)))
+        return max(float(np.sqrt(np.sum(some**2) / max(len(some) - self.fitted, 1))), NOTHING)
 
 
 def likely(measured: Array, true: Array, rows: Sequence[Row | None], time: Array | None) -> Mistake | None:
@@ -72,7 +73,7 @@ def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistak
     for n in (*range(-most, 0), *range(1, most + 1)):
         of_others = np.roll(true, n)
         of_others[slice(n) if n > 0 else slice(n, None)] = np.nan
-        found[n] = Mistake("", measured - of_others)
+        found[n] = Mistake("", measured - of_others, 1)
     n = min(found, key=lambda n: found[n].rms)
     seconds = "" if time is None else f" ({abs(n) * float(np.median(np.diff(time))):.2f} s)"
     frames = f"{abs(n)} frame{'s' * (abs(n) > 1)}{seconds}"
@@ -80,79 +81,94 @@ def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistak
 
 
 def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mistake]:
-    """Explain by a tilt, a focal length, an offset or the lens's distortion, and by a constant.
-
-    With one of the others wrong, the tilt may be right, or be estimated from the same record: only where that explains
-    clearly more than a wrong tilt alone.
-    """
+    """Explain by a tilt, a focal length, an offset, the lens's distortion, and by a constant."""
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
-    swing, ray, axis = _level(grab), _level(grab - camera.translation), camera.rotation[:, :2, 2]
+    fits = _Fits(measured, _level(grab))
+    f_px, axis, offset = rows[0].fx_px, camera.rotation[:, :2, 2], camera.translation[:, :2]
 
-    def fitted(predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
-        x = least_squares(lambda x: predict(x) - measured, start).x
-        return x, measured - predict(x)
+    def lens(factor: float) -> str:
+        inside = FOCAL[0] < factor < FOCAL[1]
+        return f"with a focal length of {f_px / factor:.0f} px in place of {f_px:.0f} px" if inside else ""
 
-    def of(error: Array) -> Array:
-        return np.arcsin(np.clip(np.linalg.norm(swing + error, axis=1), 0, 1))
-
-    lean, left = fitted(of, 1e-3, 1e-3)
-    tilt = axis.mean(axis=0)
-    deg, part = np.degrees(np.linalg.norm(tilt)), np.linalg.norm(tilt) / 5
-    signs = {
-        1: f", as if the tilt of {deg:.1f}° were left out",
-        2: f", as if the tilt of {deg:.1f}° had the opposite sign",
-    }
-    why = next((text for n, text in signs.items() if np.linalg.norm(lean + n * tilt) < part), "")
-    wrong = f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong{why}"
-    tilted = Mistake(wrong, left, 2, of_tilt=True)
-
-    def least(*found: tuple[Array, Array], text: Callable[[float], str]) -> Mistake:
-        """Take the explanation that leaves the least, by a factor alone, or with a tilt, of which more is asked."""
-        named = [Mistake(text(float(x[0])), left, len(x)) for x, left in found]
-        most = tilted.rms / CLEARLY**2 - NOTHING if len(true) >= ENOUGH else -math.inf
-        return min((m for m in named if m.fitted == 1 or (m.text and m.rms < most)), key=lambda m: m.rms)
-
-    def of_what(what: str, error: Array) -> Mistake:
-        """Explain by a factor of what moves the swing (n, 2) by an error where it is left out."""
-
-        def text(factor: float) -> str:
-            how = (
-                "left out" if abs(factor) < NEAR else "applied with the opposite sign" if abs(factor + 1) < NEAR else ""
-            )
-            return how and f"if {what} were {how}"
-
-        return least(
-            fitted(lambda x: of((1 - x[0]) * error), 0.0),
-            fitted(lambda x: of((1 - x[0]) * error + x[1:]), 0.0, 1e-3, 1e-3),
-            text=text,
-        )
-
-    f_px, across = rows[0].fx_px, float(np.linalg.norm(camera.translation[:, :2].mean(axis=0)))
-    focal = least(
-        fitted(lambda x: np.arctan(x[0] * np.tan(true)), 1.0),
-        fitted(lambda x: of((x[0] - 1) * (ray - axis)), 1.0),
-        fitted(lambda x: of((x[0] - 1) * (ray - axis) + x[1:]), 1.0, 1e-3, 1e-3),
-        text=lambda x: (
-            f"with a focal length of {f_px / x:.0f} px in place of {f_px:.0f} px" * (FOCAL[0] < x < FOCAL[1])
-        ),
-    )
-    offset = of_what(
-        f"the camera's offset of {across:.2f} m",
-        -camera.translation[:, :2] / np.linalg.norm(grab, axis=1, keepdims=True),
-    )
-    found = [tilted, focal, offset]
-    if offset.text and max(offset.rms, tilted.rms) < CLEARLY * min(offset.rms, tilted.rms):
-        found = [tilted._replace(text=f"{offset.text}, or {tilted.text}"), focal]
-    pixels = np.array([[row.grab_u_px, row.grab_v_px, row.ideal_u_px, row.ideal_v_px] for row in rows], float)
-    if any(row.k1 or row.k2 for row in rows) and np.isfinite(pixels).all():
-        middle = np.array([[row.cx_px, row.cy_px] for row in rows])
-        flat = (pixels.reshape(-1, 2, 2) - middle[:, None]) / f_px
-        bent, straight = np.moveaxis(np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1), 1, 0)
-        bent, straight = (_level(np.einsum("nij,nj->ni", camera.rotation, rays)) for rays in (bent, straight))
-        found.append(of_what("the lens's distortion", bent - straight))
+    tilt = fits.tilt(axis.mean(axis=0))
+    (factor,), left = fits.least(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
+    of_lens = fits.factor(_level(grab - camera.translation) - axis, lens, tilt)
+    focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
+    across = _applied(f"the camera's horizontal offset of {np.linalg.norm(offset.mean(axis=0)):.2f} m")
+    shift = fits.factor(offset / np.linalg.norm(grab, axis=1, keepdims=True), across, tilt)
+    found = [tilt, focal, shift]
+    if max(shift.rms, tilt.rms) < CLEARLY * min(shift.rms, tilt.rms):  # as on a rope of constant length
+        found = [tilt._replace(text=f"{shift.text}, or {tilt.text}" if shift.text else tilt.text), focal]
+    bent, straight = (_along(camera, rows, of) for of in ("grab", "ideal"))
+    if np.isfinite(bent).all() and np.abs(bent - straight).max() > NOTHING:
+        found.append(fits.factor(straight - bent, _applied("the lens's distortion"), tilt))
     as_with = [one._replace(text=one.text and f"The angles are as {one.text}") for one in found]
-    return [*as_with, Mistake("", measured - true - np.mean(measured - true))]
+    return [*as_with, Mistake("", measured - true - np.mean(measured - true), 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fits:
+    """Explanations of measured swings (n,), rad, by what moves the direction of the true swing, jib x and y (n, 2)."""
+
+    measured: Array
+    swing: Array
+
+    def least(self, predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
+        """Fit parameters; returns them and the errors (n,) that they leave."""
+        x = least_squares(lambda x: predict(x) - self.measured, start).x
+        return x, self.measured - predict(x)
+
+    def _moved(self, by: Array) -> Array:
+        return np.arcsin(np.clip(np.linalg.norm(self.swing + by, axis=1), 0, 1))
+
+    def tilt(self, true: Array) -> Mistake:
+        """Explain by a tilt that is wrong by a lean (2,), rad."""
+        lean, left = self.least(self._moved, 1e-3, 1e-3)
+        degrees, part = np.degrees(np.linalg.norm(true)), np.linalg.norm(true) / 5
+        why = f", as if the tilt of {degrees:.1f}° "
+        if np.linalg.norm(lean + true) < part:
+            why += "were left out"
+        elif np.linalg.norm(lean + 2 * true) < part:
+            why += "had the opposite sign"
+        else:
+            why = ""
+        wrong = f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong{why}"
+        return Mistake(wrong, left, 2, of_tilt=True)
+
+    def factor(self, unit: Array, text: Callable[[float], str], tilt: Mistake) -> Mistake:
+        """Explain by a factor of what a unit moves, alone or with a tilt that is estimated from the same record.
+
+        The latter only if the factor has a text, there are enough frames for three parameters, and a wrong tilt alone
+        explains far less: more parameters leave less anyway.
+        """
+        found = [
+            self.least(lambda x: self._moved((x[0] - 1) * unit), 0.5),
+            self.least(lambda x: self._moved((x[0] - 1) * unit + x[1:]), 0.5, 1e-3, 1e-3),
+        ]
+        alone, beside = (Mistake(text(float(x[0])), left, len(x)) for x, left in found)
+        far = len(self.swing) >= ENOUGH and beside.rms < tilt.rms / CLEARLY**2
+        return beside if beside.text and far and beside.rms < alone.rms else alone
+
+
+def _applied(what: str) -> Callable[[float], str]:
+    """Return the function that names a factor of something: 0 if it is left out, -1 if its sign is wrong."""
+
+    def text(factor: float) -> str:
+        for wrong, how in ((0.0, "left out"), (-1.0, "applied with the opposite sign")):
+            if abs(factor - wrong) < NEAR:
+                return f"if {what} were {how}"
+        return ""
+
+    return text
+
+
+def _along(camera: Pose, rows: Sequence[Row], of: str) -> Array:
+    """Horizontal components (n, 2) of rays through the grab's centre, ``grab`` or ``ideal``: without distortion."""
+    pixels = np.array([[getattr(row, f"{of}_u_px"), getattr(row, f"{of}_v_px")] for row in rows], float)
+    middle = np.array([[row.cx_px, row.cy_px] for row in rows])
+    rays = np.column_stack([(pixels - middle) / rows[0].fx_px, np.ones(len(rows))])
+    return _level(np.einsum("nij,nj->ni", camera.rotation, rays))
 
 
 def _level(vectors: Array) -> Array:

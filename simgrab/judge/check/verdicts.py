@@ -156,5 +156,5 @@ def _nothing(metric: str, trial: Trial) -> str:
             '"dynamic", or move the limit into [scenes.NAME.limits] of one that has it, such as work-cycles'
         )
     if metric.startswith("angle.") and not unknown(metric) and metrics.get("frames.ok"):
-        return "no value: the scene has no frame of that kind"
+        return "no value: no frame of that kind has a measured and a true angle"
     return unknown(metric) or "no value: the instrument did not output the field, or the scene has no such data"

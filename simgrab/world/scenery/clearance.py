@@ -57,15 +57,15 @@ class HeightMap:
         return float((points[inside, 2] - self.top[y, x]).min())
 
 
-def sees_past(centre: Array, steel: trimesh.Trimesh) -> bool:
-    """Whether a camera (3,), jib frame, is neither inside the jib's steel nor so near that it sees only steel."""
-    room = float(trimesh.proximity.closest_point_naive(steel, [centre])[1][0])
-    return room >= LEAST_ROOM_M and winding(steel, centre) <= 0.5
+def room_m(point: Array, steel: trimesh.Trimesh) -> float:
+    """Distance of a point (3,) from closed meshes, m; negative inside."""
+    room = float(trimesh.proximity.closest_point_naive(steel, [point])[1][0])
+    return -room if winding(steel, point) > 0.5 else room
 
 
 def check_camera(centre: Array, steel: trimesh.Trimesh) -> None:
-    """Refuse a camera (3,), jib frame, in the jib's steel."""
-    if not sees_past(centre, steel):
+    """Refuse a camera (3,), jib frame, that is inside the jib's steel, or so near that it sees only steel."""
+    if room_m(centre, steel) < LEAST_ROOM_M:
         raise ScenarioError(
             "camera.offset_z_m",
             f"the camera at ({centre[0]:g}, {centre[1]:g}, {centre[2]:g}) m is in the jib head's steel or less than "
