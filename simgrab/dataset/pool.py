@@ -30,8 +30,8 @@ Tick = Callable[[], None]
 FrameNumbers = Sequence[int]
 Work = Callable[[FrameGenerator, FrameNumbers, Tick], T]
 FRAMES_A_WORKER, WORLDS_A_WORKER = 150, 2
-WORLD_BYTES, PIXEL_BYTES, SAMPLE_BYTES = 1_500_000_000, 200, 24
-"""What a process needs for a world and its textures, for each pixel of the picture, and for each of its samples."""
+WORLD_BYTES, WORLDS_BYTES, PIXEL_BYTES, SAMPLE_BYTES = 1_500_000_000, 2_600_000_000, 200, 24
+"""What a process needs for a world and its textures or for one after another, for each pixel, and for each sample."""
 SILENT_S = 1800.0
 """How long a process may take for a frame, its world and the exposures before it included, until it counts as hung."""
 MOST_PROJECTIONS = 4096
@@ -94,7 +94,8 @@ def memory_bytes(recipe: Recipe) -> int:
     """Estimate the memory of a process that renders a recipe."""
     scenario, image = recipe.scenario, recipe.scenario.image
     pixels = scenario.camera.width_px * scenario.camera.height_px
-    return WORLD_BYTES + pixels * (PIXEL_BYTES + SAMPLE_BYTES * image.samples) + 8 * image.shadow_map_px**2
+    worlds = WORLDS_BYTES if recipe.varies else WORLD_BYTES
+    return worlds + pixels * (PIXEL_BYTES + SAMPLE_BYTES * image.samples) + 8 * image.shadow_map_px**2
 
 
 def _unpicklable(recipe: Recipe) -> str:
