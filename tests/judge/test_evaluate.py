@@ -320,6 +320,10 @@ def test_an_instrument_that_outputs_angles_alone_is_judged_by_them(clean, swingi
     assert found["angle"] == evaluate(clean, known)["angle"]
     assert found["interval"]["share"] is None
     assert [t.title for t in tables(found)] == ["Errors of the swing angle, degrees", "Alarms"]
+    for factor, said in ((1.0, True), (100.0, False)):
+        rows = tuple(row and msgspec.structs.replace(row, alpha_deg=factor * row.alpha_deg) for row in known.rows)
+        note = tables(evaluate(alone, dataclasses.replace(known, rows=rows)))[0].note
+        assert ("The grab hardly swings (standard deviation 0.0" in note) == said
     assert "Errors of the swing angle" in page(alone, known, found)
 
 

@@ -24,10 +24,10 @@ from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Limit, Suite, load
 from simgrab.judge.check.trial import Trial, trial
 from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial
+from simgrab.judge.evaluate.swings import HARDLY_SWINGS_DEG
 from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
-HARDLY_SWINGS = np.radians(0.1)
 TESTING = ("angle.", "interval.", "detection.", "reading.")  # limits on frames and alarms alone are met by a constant
 FEW_SEEDS = 5  # below which the baseline hardly tests other frames
 
@@ -237,7 +237,7 @@ def judged(
     if found.metrics.get("alarm.sure") == 0 and any(v.what == "alarm.missed" for v in verdicts):
         notes.append(f"{name}: warning: alarm.missed tests nothing, since no swing exceeds 10.5°")
     swing = np.zeros(1) if found.known is None else found.known.alpha[np.isfinite(found.known.alpha)]
-    if len(swing) > 1 and swing.std() < HARDLY_SWINGS and any(v.constant is not None for v in verdicts):
+    if len(swing) > 1 and np.degrees(swing.std()) < HARDLY_SWINGS_DEG and any(v.constant is not None for v in verdicts):
         spread = f"standard deviation {np.degrees(swing.std()):.2f} deg"
         notes.append(
             f"{name}: warning: the grab hardly swings ({spread}), so that no limit on angles tests anything: take more "

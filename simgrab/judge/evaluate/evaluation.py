@@ -16,6 +16,7 @@ from simgrab.judge.evaluate import detection, reading, swings, truths, warnings
 from simgrab.judge.evaluate.budget import budget
 from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
+from simgrab.judge.evaluate.swings import HARDLY_SWINGS_DEG
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.judge.evaluate.values import Evaluation
 from simgrab.model.geometry import Array
@@ -48,7 +49,12 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
     known = known if isinstance(known, Truths) else truths.of(run, known, start_s)
     rule = rule_of(run)
     found = {
-        "run": {"source": run.source, "instrument": run.instrument, "matched": known.matched},
+        "run": {
+            "source": run.source,
+            "instrument": run.instrument,
+            "matched": known.matched,
+            "still": _still(known.alpha),
+        },
         "frames": {"all": len(run.measurements), "known": sum(r is not None for r in known.rows)} | run.about["counts"],
         "detection": of_detection(run, known),
         "reading": of_reading(run, known),
@@ -59,6 +65,13 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "budget": budget(run, known),
     }
     return msgspec.convert(found, Evaluation)
+
+
+def _still(true: Array) -> str:
+    known = np.degrees(true[np.isfinite(true)])
+    if not len(known) or known.std() >= HARDLY_SWINGS_DEG:
+        return ""
+    return f"The grab hardly swings (standard deviation {known.std():.2f}°), so these errors say little."
 
 
 def _of_warning(run: Run, true: Array, rule: Rule) -> dict[str, Any] | None:

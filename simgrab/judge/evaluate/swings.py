@@ -15,6 +15,7 @@ from simgrab.judge.evaluate.detection import ROPE_BINS_M
 from simgrab.model.geometry import Array
 
 LARGE = math.radians(8)
+HARDLY_SWINGS_DEG = 0.1  # standard deviation of the true swing, below which errors of angles say little
 # An event must be reported whose swing exceeds the first, and none where it stays below the second.
 SURELY, HARDLY = math.radians(10.5), math.radians(9.5)
 _SLACK_S = 1.0  # by which an alarm may begin before or end after the event that it is of

@@ -218,11 +218,12 @@ class FrameCounts(msgspec.Struct, frozen=True):
 
 
 class Provenance(msgspec.Struct, frozen=True):
-    """Source and instrument of the run, and how its frames were matched by time, if they were."""
+    """Source, instrument, how frames were matched by time, if they were, and that the grab hardly swings, if so."""
 
     source: str
     instrument: str
     matched: str = ""
+    still: str = ""
 
 
 class Evaluation(msgspec.Struct, frozen=True):

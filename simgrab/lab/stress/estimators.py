@@ -15,6 +15,9 @@ from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate, Estimates, Intervals
 from simgrab.runtime import modules
 
+KINDS, LEVEL = ("iid", "blocks", "posterior"), 0.95
+"""Of the intervals whose coverage is counted."""
+
 
 @runtime_checkable
 class Estimating(Protocol):
@@ -121,6 +124,23 @@ def flaw(estimate: Any, frames: int) -> str:
         largest = np.max(sizes, where=np.isfinite(sizes), initial=0.0)
         if largest > np.pi / 2:
             return f"{key} reaches {largest:.4g} rad, beyond the horizontal; angles are in radians"
+    if (np.asarray(estimate.alpha, float) < 0).any():
+        return "alpha is below 0; it is the angle from gravity, whatever the direction"
+    if not isinstance(estimate.intervals, tuple) or not all(isinstance(i, Intervals) for i in estimate.intervals):
+        return "intervals must be a tuple of Intervals"
+    return next(filter(None, map(_flaw_of_ends, estimate.intervals)), "")
+
+
+def _flaw_of_ends(intervals: Intervals) -> str:
+    """Describe what is wrong with intervals, whose coverage stands in a column for all estimators."""
+    if intervals.kind not in KINDS:
+        return f"intervals are of the kind {intervals.kind!r}; one of: {', '.join(KINDS)}"
+    if intervals.level != LEVEL:
+        return f"intervals of {100 * intervals.level:g} %: their coverage is compared with that of {100 * LEVEL:g} %"
+    for key in ("beta", "sigma", "alpha"):
+        ends = np.asarray(getattr(intervals, key), float)
+        if ends.ndim and (ends[..., 0] > ends[..., 1]).any():
+            return f"the lower end of an interval of {key} is above the upper one"
     return ""
 
 

@@ -182,6 +182,8 @@ def stress(
         if name in ESTIMATORS:
             raise StressError(f"own: {name!r} means the bundled {ESTIMATORS.full(name)}; choose another name")
         estimators.checked(name, estimator)
+        if chosen.depth == "rendered":
+            raise StressError(f"own: at the depth 'rendered', name {name!r} in estimators, as package.module:Class")
     chosen = resized(chosen, frames, replications, seed)
     chosen = msgspec.structs.replace(chosen, estimators=(*chosen.estimators, *(own or {})))
     summary = StudySummary(chosen, columns(chosen.kind))

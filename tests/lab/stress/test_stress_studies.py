@@ -20,7 +20,7 @@ from simgrab.lab.stress.catalogue import STUDIES
 from simgrab.lab.stress.laboratory import outcome
 from simgrab.lab.stress.study import Study, Sweep, quickened, situation
 from simgrab.lab.stress.summary import LimitVerdict, StudyResult
-from simgrab.model.records.estimates import Estimate
+from simgrab.model.records.estimates import Estimate, Intervals
 
 GOOD = tomllib.loads((STUDIES / "focal.toml").read_text(encoding="utf-8"))
 BAD = {
@@ -172,6 +172,16 @@ def test_an_estimator_that_fails_is_named():
         estimators.run(f"{__name__}:Broken", records)
 
 
+def test_own_estimators_are_for_studies_without_pictures():
+    with pytest.raises(
+        StressError, match=r"at the depth 'rendered', name 'mine' in estimators, as package.module:Class"
+    ):
+        simgrab.stress("rendered-calm", {"mine": MeanRay()})
+
+
+ENDS = Intervals("iid", 0.95, np.array([0.1, 0.2]))
+
+
 class Wrong:
     """Returns what is planted."""
 
@@ -190,6 +200,11 @@ class Wrong:
         ({"beta": 3.0}, "beta reaches 3 rad, beyond the horizontal; angles are in radians"),
         ({"status": "fine"}, "status must be 'ok' or 'refused', got 'fine'"),
         ({"status": "refused"}, "a refusal needs a reason"),
+        ({"alpha": np.full(20, -0.1)}, "alpha is below 0"),
+        ({"intervals": ENDS}, "intervals must be a tuple of Intervals"),
+        ({"intervals": (replace(ENDS, kind="foo"),)}, "of the kind 'foo'; one of: iid, blocks, posterior"),
+        ({"intervals": (replace(ENDS, level=0.8),)}, "intervals of 80 %: their coverage is compared with that of 95 %"),
+        ({"intervals": (replace(ENDS, beta=np.array([0.2, 0.1])),)}, "the lower end of an interval of beta is above"),
     ],
 )
 def test_what_an_estimator_must_not_return_is_refused_in_one_line(changes, said, monkeypatch):
