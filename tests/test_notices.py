@@ -28,6 +28,11 @@ def recipe(*changes):
         ([{"camera.mount": {"model": "rigid"}}, HANGS, WIND, TRAIN], None),
         ([{"weather.wind_m_s": 9}], "weather.wind_m_s has no effect without rain, snow or dust"),
         ([{"weather.wind_m_s": 9, "weather.snow_mm_h": 1}], None),
+        (
+            [{"display.layout": "two-by-four", "camera.width_px": 480, "camera.height_px": 270}],
+            "display: digits 11 px high",
+        ),
+        ([{"display.layout": "two-by-four", "camera.width_px": 640, "camera.height_px": 360}], None),
         ([EMPTY], "swing.absent: frames without the grab are one picture in each world of 4 frames"),
         ([EMPTY, VARIED, TRAIN], None),
         ([HANGS, TRAIN], "all 2 clips have the same motion"),

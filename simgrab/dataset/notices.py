@@ -11,6 +11,8 @@ from simgrab.world.extensions import Recipe
 
 FEW_WORLDS = 100
 """Beyond these, shares of worlds are close to those stated."""
+READ_PX = 14
+"""Height of digits in pictures of 640 x 360 px, all of which were read; of those of 11 px none was."""
 FAR = 2.0
 """Ratio of a split's worlds to those stated, from which on it is named."""
 
@@ -22,7 +24,7 @@ def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
         lines = _of_independent(recipe) if isinstance(scenario.swing, Iid) else _of_clips(recipe)
     else:
         lines = []
-    return lines + _of_weather(recipe.scenario) + (_of_splits(recipe) if splits else [])
+    return lines + _of_weather(scenario) + _of_display(scenario) + (_of_splits(recipe) if splits else [])
 
 
 def _of_independent(recipe: Recipe) -> list[str]:
@@ -46,6 +48,15 @@ def _of_weather(scenario: Scenario) -> list[str]:
     if not weather.wind_m_s or any(carried) or any("weather" in key for key in scenario.vary):
         return []
     return ["weather.wind_m_s has no effect without rain, snow or dust; the wind of swing.wind pushes a moving grab"]
+
+
+def _of_display(scenario: Scenario) -> list[str]:
+    layout = scenario.display.layout_in(scenario.camera.width_px, scenario.camera.height_px)
+    if layout is None or layout.digit_height_px >= READ_PX:
+        return []
+    return [
+        f"display: digits {layout.digit_height_px} px high are hardly read by the bundled reader; it reads {READ_PX} px"
+    ]
 
 
 def _of_clips(recipe: Recipe) -> list[str]:
