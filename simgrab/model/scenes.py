@@ -219,7 +219,7 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
         folder = f"{copied(str(table.get('sha256')))}/"
         names = [name.removeprefix(folder) for name in listed or () if name.startswith(folder)]
         left, files = models.MOST_BYTES, dict[str, bytes]()
-        for name in names[: models.MOST_FILES]:
+        for name in names[: photographs.MOST_FILES]:  # of models there may be fewer
             files[name] = read(f"{folder}{name}", left)
             left -= len(files[name])
         return _kind(table).of_files(table["file"], files, refuse)

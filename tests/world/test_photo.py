@@ -89,6 +89,15 @@ def test_a_dataset_holds_the_photographs_and_is_made_again(yard: Path) -> None:
     assert again.place == made.place
 
 
+def test_a_dataset_over_a_hundred_photographs_is_read_again(tmp_path: Path) -> None:
+    (tmp_path / "photographs").mkdir()
+    for i in range(100):
+        Image.fromarray(photograph(i, (32, 32))).save(tmp_path / f"photographs/{i:03d}.png")
+    scenario = scene(tmp_path, "photographs", frames=1)
+    simgrab.render(scenario, tmp_path / "data")
+    assert simgrab.open(tmp_path / "data").scenario == scenario
+
+
 def video(frames: list[np.ndarray], codec: str = "libx264", turned: int = 0, **options: str) -> bytes:
     """Frames of one size."""
     data = io.BytesIO()
