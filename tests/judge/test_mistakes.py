@@ -79,6 +79,18 @@ def test_a_tilt_that_is_left_out_or_wrong_is_named():
         assert likely(leaning(rows, by), true, rows, None).text == f"The angles are as with a camera tilt that {text}"
 
 
+def test_a_tilt_that_is_far_off_is_no_focal_length():
+    """A wrong focal length and a large tilt together leave less, and no estimated tilt follows from one."""
+    changes = {"swing.start": {"alpha_deg": 12.0}, "camera.beta_deg": 6.0, "camera.tilt_azimuth_deg": 0.0}
+    rows, true = rows_of(scenes.load("free-swing", changes))
+    axis = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 2]
+    grab, camera = (np.reshape([getattr(row, f"jib_from_{of}") for row in rows], (-1, 3, 4))[..., 3]
+                    for of in ("grab", "camera"))  # fmt: skip
+    ray = (grab - camera) / np.linalg.norm(grab - camera, axis=1, keepdims=True)
+    text = likely(leaning(rows, -0.03 * (ray[:, :2] - axis) - 2 * axis), true, rows, None).text
+    assert re.search(r"camera tilt that is 1[12]\.\d\d° wrong", text)
+
+
 @pytest.mark.parametrize(("factor", "what"), [(0.0, "left out"), (-1.0, "applied with the opposite sign")])
 @pytest.mark.parametrize("follows", [False, True])
 def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):

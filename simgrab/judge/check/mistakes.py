@@ -139,16 +139,16 @@ class _Fits:
     def factor(self, unit: Array, text: Callable[[float], str], tilt: Mistake) -> Mistake:
         """Explain by a factor of what a unit moves, alone or with a tilt that is estimated from the same record.
 
-        The latter only if the factor has a text, there are enough frames for three parameters, and a wrong tilt alone
-        explains far less: more parameters leave less anyway.
+        The latter only if the factor has a text, there are enough frames for three parameters, a wrong tilt alone
+        explains far less, since more parameters leave less anyway, and the tilt is no larger than the factor can cause.
         """
-        found = [
-            self.least(lambda x: self._moved((x[0] - 1) * unit), 0.5),
-            self.least(lambda x: self._moved((x[0] - 1) * unit + x[1:]), 0.5, 1e-3, 1e-3),
-        ]
-        alone, beside = (Mistake(text(float(x[0])), left, len(x)) for x, left in found)
+        (one,), left = self.least(lambda x: self._moved((x[0] - 1) * unit), 0.5)
+        alone = Mistake(text(float(one)), left, 1)
+        (one, *lean), left = self.least(lambda x: self._moved((x[0] - 1) * unit + x[1:]), 0.5, 1e-3, 1e-3)
+        beside = Mistake(text(float(one)), left, 3)
+        caused = np.linalg.norm(lean) < 2 * abs(one - 1) * np.sqrt(np.mean(np.sum(unit**2, axis=1)))
         far = len(self.swing) >= ENOUGH and beside.rms < tilt.rms / CLEARLY**2
-        return beside if beside.text and far and beside.rms < alone.rms else alone
+        return beside if beside.text and caused and far and beside.rms < alone.rms else alone
 
 
 def _applied(what: str) -> Callable[[float], str]:
