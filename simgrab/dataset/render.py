@@ -152,9 +152,7 @@ class _Folder:
         scenario = self._recipe.scenario
         if self._films:
             return scenario.clip.count(scenario.frames)
-        return (
-            len(set(map(self._recipe.slowest_draw, range(scenario.frames)))) if self._recipe.varies else scenario.frames
-        )
+        return self._recipe.slowest_draw(scenario.frames - 1) + 1 if self._recipe.varies else scenario.frames
 
     def check(self, *, resume: bool) -> bool:
         remaining = self.journal.check(self._core, resume=resume)
