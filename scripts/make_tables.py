@@ -7,8 +7,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from simgrab.cli._lenses import CAMERAS
 from simgrab.lab.stress.axes import AXES
+from simgrab.match.data_sheets import CAMERAS
 from simgrab.model import scenes
 from simgrab.model.truth import columns
 

@@ -20,7 +20,7 @@ VERBS = {
     "export": ("simgrab.cli.export:command", "Write a dataset in the layout of another tool."),
     "grab": ("simgrab.cli.grab:command", "Check or convert the 3-D model of your own grab."),
     "match": ("simgrab.match.cli.match:command", "Write a scene that looks like a camera's footage."),
-    "new": ("simgrab.cli.new:command", "Write a scene from what you know of your camera, crane and grab."),
+    "new": ("simgrab.match.cli.new:command", "Write a scene from what you know of your camera, crane and grab."),
     "paper": ("simgrab.lab.cli.paper:command", "Repeat the simulation study of the paper."),
     "render": ("simgrab.cli.render:command", "Render a dataset of labelled frames, or a video."),
     "run": ("simgrab.cli.run:command", "Measure swing in a video, a stream, images or a dataset."),

@@ -1,1 +1,1 @@
-"""Writes a scene that resembles footage."""
+"""Writes a scene from footage of a camera, or from what is known of it."""

@@ -17,30 +17,19 @@ import cv2
 import numpy as np
 import pyarrow as pa
 import pytest
-from click.testing import CliRunner
+from commands import run
 from conftest import SMALL, as_options
 from seconds import SECOND_RENDERERS
 
 from simgrab import __version__
-from simgrab.cli import cli, main
+from simgrab.cli import main
 from simgrab.cli._progress import steps
 from simgrab.cli._verbs import VERBS
-from simgrab.errors import SimgrabError, WorkerError
+from simgrab.errors import WorkerError
 from simgrab.judge import doctor
 from simgrab.judge.audit.second_renderer import choice, install_hint
 from simgrab.model import scenes
 from simgrab.runtime.versions import PACKAGES, Fingerprint
-
-
-def run(*arguments):
-    """Run the command line in this process: its exit status, what it printed, and what it complained of."""
-    result = CliRunner().invoke(cli, [str(a) for a in arguments])
-    if isinstance(result.exception, SimgrabError):
-        return 2, result.stdout, f"simgrab: {result.exception}\n"
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result.exit_code, result.stdout, result.stderr
-
 
 BAD = {
     "unknown key": (["--set", "camera.betta_deg=5"], "beta_deg"),

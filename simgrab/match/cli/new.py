@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
-from simgrab.cli import _lenses
 from simgrab.cli._options import PATH, together
+from simgrab.match import data_sheets
 
 if TYPE_CHECKING:
     from simgrab.model.scenario import Grab, Scenario
@@ -221,9 +221,9 @@ def _one_of(*valid: str, most: int = 1) -> Callable[[str], list[str]]:
 
 def _camera(text: str) -> str:
     wanted = _plain(text)
-    found = [name for name in _lenses.CAMERAS if wanted in _plain(name) or _plain(name.split()[1]) in wanted]
+    found = [name for name in data_sheets.CAMERAS if wanted in _plain(name) or _plain(name.split()[1]) in wanted]
     if text and (len(found) != 1 or not wanted):
-        cameras = ", ".join(_lenses.CAMERAS)
+        cameras = ", ".join(data_sheets.CAMERAS)
         raise ValueError(f"{text!r} is none or several of {cameras}; or give --fov, or --sensor and --lens")
     return found[0] if text else ""
 
@@ -239,7 +239,7 @@ def _fov(text: str) -> tuple[float, ...]:
 def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float, float]]:
     """Return what the optics are, size of the picture, focal length in px, and the distortion k1, k2, k3."""
     camera = answers.get("camera", _camera)
-    wide, high, lenses = _lenses.CAMERAS.get(camera, (1920, 1080, {}))
+    wide, high, lenses = data_sheets.CAMERAS.get(camera, (1920, 1080, {}))
     width, height = map(int, answers.get("size", _numbers(64, 4096, 2), f"{wide}x{high}"))
     given = fov = answers.get("fov", _fov) if "fov" in answers or not camera else ()
     name, f_px, listed = camera or "as given", 0.0, dict[str, float]()
@@ -253,18 +253,18 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
     else:
         wide, high = width, height
         name, f_px, mm = _of_sensor(answers, width, height)
-        alike = ((one, of) for one, (*size, of) in _lenses.CAMERAS.items() if size == [width, height])
+        alike = ((one, of) for one, (*size, of) in data_sheets.CAMERAS.items() if size == [width, height])
         listed = {one: of[mm][0] for one, of in alike if mm in of}
     scale = max(width / wide, height / high)  # a picture of another shape is a part of the whole
     try:
-        barrels = [_lenses.barrel(wide, high, *fov)] if len(fov) == 2 else _lenses.BARRELS
-        c, f, distortion = _lenses.first_fitting(
-            width, height, barrels, lambda c: scale * (_lenses.focal_px(wide, fov[0], c) if fov else f_px)
+        barrels = [data_sheets.barrel(wide, high, *fov)] if len(fov) == 2 else data_sheets.BARRELS
+        c, f, distortion = data_sheets.first_fitting(
+            width, height, barrels, lambda c: scale * (data_sheets.focal_px(wide, fov[0], c) if fov else f_px)
         )
     except ValueError as problem:
         raise _refusal("fov" if given else "lens", f"{problem}{'' if given else '; or give --fov'}") from None
-    across = _lenses.across_deg(width, f, c)
-    name += f": {across:.0f} x {_lenses.vertical_deg(width, height, across, c):.0f} degrees"
+    across = data_sheets.across_deg(width, f, c)
+    name += f": {across:.0f} x {data_sheets.vertical_deg(width, height, across, c):.0f} degrees"
     if listed and not 0.97 * min(listed.values()) < across < 1.03 * max(listed.values()):
         others = ", ".join(f"{one} {degrees:.0f}" for one, degrees in listed.items())
         answers.assumed.append(
@@ -280,8 +280,8 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
 
 def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float, float]:
     """Name sensor and lens, and give their focal length in px of a picture of this size, and in mm."""
-    sensor = answers.get("sensor", lambda text: _lenses.sensor(text, width, height))
-    size, pitch_um, wide, high = _lenses.SENSORS[sensor]
+    sensor = answers.get("sensor", lambda text: data_sheets.sensor(text, width, height))
+    size, pitch_um, wide, high = data_sheets.SENSORS[sensor]
     (mm,) = answers.get("lens", _numbers(0.5, 100))
     return f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um * max(width / wide, height / high), mm
 

@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from test_cli import run
+from commands import run
 
-from simgrab.cli import _lenses
-from simgrab.cli.new import GRABS, PAINTS, WEATHERS
 from simgrab.dataset import preview
 from simgrab.errors import SuiteError
 from simgrab.judge.check import suite
+from simgrab.match import data_sheets
+from simgrab.match.cli.new import GRABS, PAINTS, WEATHERS
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.scenario import Hold
@@ -22,7 +22,7 @@ from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.trajectory.clip import ClipMotion
 
-LENSES = [(name, mm) for name, (_, _, lenses) in _lenses.CAMERAS.items() for mm in lenses]
+LENSES = [(name, mm) for name, (_, _, lenses) in data_sheets.CAMERAS.items() for mm in lenses]
 
 
 def new(path, *options):
@@ -44,7 +44,7 @@ def tan(angle_deg):
 
 @pytest.mark.parametrize(("name", "mm"), LENSES)
 def test_a_camera_spans_the_field_of_view_of_its_data_sheet(name, mm, tmp_path):
-    width, height, lenses = _lenses.CAMERAS[name]
+    width, height, lenses = data_sheets.CAMERAS[name]
     scene, _ = new(tmp_path / "a.toml", "--camera", f"DH-{name.split()[1].lower()}E", "--lens", mm)  # a variant of it
     assert (scene.camera.width_px, scene.camera.height_px) == (width, height)
     across, up = spans(scene.camera.intrinsics)
@@ -80,9 +80,9 @@ def test_a_fixed_scene_of_cycles_is_one_clip_that_shows_the_rope_length_if_asked
 def test_a_lens_without_distortion_is_a_pinhole():
     for across, f_px in ((40, 2637.6), (90, 960)):
         up = 2 * math.degrees(math.atan(540 / f_px))
-        c = _lenses.barrel(1920, 1080, across, up)
-        assert _lenses.focal_px(1920, across, c) == pytest.approx(f_px, rel=1e-3)
-        assert _lenses.brown(1920, 1080, f_px, 0.0) == (0, 0, 0)
+        c = data_sheets.barrel(1920, 1080, across, up)
+        assert data_sheets.focal_px(1920, across, c) == pytest.approx(f_px, rel=1e-3)
+        assert data_sheets.brown(1920, 1080, f_px, 0.0) == (0, 0, 0)
 
 
 def test_of_sensor_and_lens_the_focal_length_is_their_ratio(tmp_path):
@@ -220,8 +220,8 @@ def test_no_file_is_overwritten(tmp_path):
 
 
 def test_the_usual_distortion_is_the_median_of_the_cameras():
-    found = [_lenses.barrel(w, h, *fov) for w, h, lenses in _lenses.CAMERAS.values() for fov in lenses.values()]
-    assert np.median(found) == pytest.approx(_lenses.BARREL, abs=0.01)
+    found = [data_sheets.barrel(w, h, *fov) for w, h, lenses in data_sheets.CAMERAS.values() for fov in lenses.values()]
+    assert np.median(found) == pytest.approx(data_sheets.BARREL, abs=0.01)
 
 
 def test_units_and_words_between_numbers_are_understood(tmp_path):
