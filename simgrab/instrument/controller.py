@@ -83,6 +83,11 @@ class Controller:
         return self.slew is not None or self.radius is not None
 
     @property
+    def later_than_display(self) -> bool:
+        """Whether its clock is less certain than a display is fresh, which changes with the pictures."""
+        return self.clock_sd_s > math.hypot(DELAY_S, DELAY_SD_S)
+
+    @property
     def stated_clock(self) -> ClockOffset:
         """The offset of its clock as its description states it."""
         return ClockOffset(0.0, self.clock_sd_s, self.clock_from)

@@ -96,8 +96,8 @@ class Pipeline:
         A known tilt.
     bridge : Bridge
     controller : Controller or None
-        Readings of the crane's controller. Its rope length takes the place of the display's, and an estimator with a
-        field ``controller`` gets all of it.
+        Readings of the crane's controller. Its rope length takes the place of the display's, except in a live run on a
+        clock that is not known, and an estimator with a field ``controller`` gets all of it.
     feed : ControllerFeed or None
         Files of readings that a live run follows instead.
     """
@@ -124,6 +124,11 @@ class Pipeline:
     def name(self) -> str:
         """Name in reports."""
         return f"simgrab with the detector {self.detector.name}"
+
+    @property
+    def display_first(self) -> bool:
+        """Whether a live run takes the display's rope length: no later readings show a recorded controller's clock."""
+        return self.controller is not None and self.controller.later_than_display
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record."""
@@ -271,7 +276,9 @@ class Pipeline:
             controller = self.controller if self.feed is None else self.feed.poll(at)
             recent = _recent(observations)
             ropes = rope(recent, calibration, self.bridge)
-            newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:])).with_lengths(controller)
+            newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
+            if not (self.display_first and np.isfinite(newest.rope_length[0])):
+                newest = newest.with_lengths(controller)
             lengths.append(float(newest.rope_length[0]))
             if at - start >= due:
                 due = at - start + AGAIN_S

@@ -232,6 +232,24 @@ def test_a_live_record_takes_the_controllers_rope(crane):
     assert live[-1].tilt.estimator == "rope-aware"
 
 
+@pytest.mark.parametrize(("clock_sd_s", "by_display"), [(5.0, True), (0.1, False)])
+def test_a_live_record_on_a_clock_that_is_not_known_takes_the_display_while_it_is_read(crane, clock_sd_s, by_display):
+    few = crane.observations(1.0)[:200]
+    few[150:] = [msgspec.structs.replace(one, rope_status="unread", hoist_m=None) for one in few[150:]]
+    data = Controller(crane.time - 4.0, None, None, crane.rope + 0.5, 0.0, 0.0, 0.003, clock_sd_s)
+
+    def lengths(controller):
+        said = Scripted(few)
+        live = Pipeline(said, said, controller=controller).live(frames_of(few), crane.calibration)
+        return np.array([one.measurement.rope_length_m or np.nan for one in live])
+
+    own, display, found = data.rope_at(crane.time[:200]), lengths(None), lengths(data)
+    read = np.isfinite(display)
+    assert read[:150].all()
+    assert not read[-30:].any()
+    np.testing.assert_array_equal(found, np.where(read, display, own) if by_display else own)
+
+
 def test_an_estimator_of_another_kind_is_refused():
     class Upright:
         def estimate(self, pixels, calibration, *, rope_length, time): ...

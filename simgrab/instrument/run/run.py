@@ -228,6 +228,7 @@ class _Parts:
         given = f"given, of {used.estimator}" if isinstance(used, Known) else f"by {used.name}"
         plc = instrument.controller or instrument.feed
         rope = "; of the controller the rope length is used"
+        rope += " where the display shows none: its clock is not known" if instrument.display_first else ""
         more = ", and the jib's motion for warnings" if instrument.feed and instrument.feed.states_motion else ""
         report(f"tilt: {given}{rope + more if plc else ''}")
 
