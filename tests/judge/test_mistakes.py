@@ -79,7 +79,7 @@ def test_a_tilt_that_is_left_out_or_wrong_is_named():
         assert likely(leaning(rows, by), true, rows, None).text == f"The angles are as with a camera tilt that {text}"
 
 
-def test_a_tilt_that_is_far_off_is_no_focal_length():
+def test_a_tilt_that_is_far_off_is_named_beside_a_focal_length():
     """A wrong focal length and a large tilt together leave less, and no estimated tilt follows from one."""
     changes = {"swing.start": {"alpha_deg": 12.0}, "camera.beta_deg": 6.0, "camera.tilt_azimuth_deg": 0.0}
     rows, true = rows_of(scenes.load("free-swing", changes))
@@ -88,7 +88,7 @@ def test_a_tilt_that_is_far_off_is_no_focal_length():
                     for of in ("grab", "camera"))  # fmt: skip
     ray = (grab - camera) / np.linalg.norm(grab - camera, axis=1, keepdims=True)
     text = likely(leaning(rows, -0.03 * (ray[:, :2] - axis) - 2 * axis), true, rows, None).text
-    assert re.search(r"camera tilt that is 1[12]\.\d\d° wrong", text)
+    assert re.search(r"of 1\d+ px, and with a camera tilt that is 1[12]\.\d\d° wrong, as if .* had the opposite", text)
 
 
 @pytest.mark.parametrize(("factor", "what"), [(0.0, "left out"), (-1.0, "applied with the opposite sign")])
@@ -155,7 +155,7 @@ def test_a_delay_is_named(late):
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
-@pytest.mark.parametrize("tilt", ["follows", "known", "estimated"])
+@pytest.mark.parametrize("tilt", ["follows", "known", "estimated", "in wind"])
 def test_a_focal_length_is_named(tilt, factor):
     rows, true = truth("weather", "calm")
     grab, camera = (
@@ -170,13 +170,17 @@ def test_a_focal_length_is_named(tilt, factor):
     swing = swing + wrong - ray / np.linalg.norm(ray, axis=1, keepdims=True)
     known = np.arctan2(np.linalg.norm(swing[:, :2], axis=1), -swing[:, 2])
     at_fault = swing - grab[..., 3] / np.linalg.norm(grab[..., 3], axis=1, keepdims=True)
-    estimated = leaning(rows, (at_fault - at_fault.mean(axis=0))[:, :2])
-    measured = {"known": known, "follows": np.arctan(factor * np.tan(true)), "estimated": estimated}[tilt]
+    moved = (at_fault - at_fault.mean(axis=0))[:, :2]
+    measured = {
+        "known": known, "follows": np.arctan(factor * np.tan(true)), "estimated": leaning(rows, moved),
+        "in wind": leaning(rows, moved + [0.0, np.deg2rad(1.5)]),
+    }[tilt]  # fmt: skip
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.02), len(true))
     found = likely(measured + noise, true, rows, None)
     f_px = float(found.text.removeprefix("The angles are as with a focal length of ").partition(" px")[0])
     assert f_px == pytest.approx(rows[0].fx_px / factor, rel=0.02)
     assert np.rad2deg(found.rms) < 0.05
+    assert bool(re.search(r" px, and with a camera tilt that is 1\.\d\d° wrong$", found.text)) == (tilt == "in wind")
 
 
 @pytest.mark.parametrize(

@@ -84,14 +84,14 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mist
     """Explain by a tilt, a focal length, an offset, the lens's distortion, and by a constant."""
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
-    fits = _Fits(measured, _level(grab))
     f_px, axis, offset = rows[0].fx_px, camera.rotation[:, :2, 2], camera.translation[:, :2]
+    fits = _Fits(measured, _level(grab), axis.mean(axis=0))
 
     def lens(factor: float) -> str:
         inside = FOCAL[0] < factor < FOCAL[1]
         return f"with a focal length of {f_px / factor:.0f} px in place of {f_px:.0f} px" if inside else ""
 
-    tilt = fits.tilt(axis.mean(axis=0))
+    tilt = fits.tilt()
     (factor,), left = fits.least(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
     of_lens = fits.factor(_level(grab - camera.translation) - axis, lens, tilt)
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
@@ -109,10 +109,14 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mist
 
 @dataclass(frozen=True, eq=False)
 class _Fits:
-    """Explanations of measured swings (n,), rad, by what moves the direction of the true swing, jib x and y (n, 2)."""
+    """Explanations of measured swings (n,), rad, by what moves the direction of the true swing, jib x and y (n, 2).
+
+    ``axis`` (2,) is the mean of the optical axis.
+    """
 
     measured: Array
     swing: Array
+    axis: Array
 
     def least(self, predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
         """Fit parameters; returns them and the errors (n,) that they leave."""
@@ -122,33 +126,36 @@ class _Fits:
     def _moved(self, by: Array) -> Array:
         return np.arcsin(np.clip(np.linalg.norm(self.swing + by, axis=1), 0, 1))
 
-    def tilt(self, true: Array) -> Mistake:
+    def tilt(self) -> Mistake:
         """Explain by a tilt that is wrong by a lean (2,), rad."""
         lean, left = self.least(self._moved, 1e-3, 1e-3)
-        degrees, part = np.degrees(np.linalg.norm(true)), np.linalg.norm(true) / 5
-        why = f", as if the tilt of {degrees:.1f}° "
-        if np.linalg.norm(lean + true) < part:
-            why += "were left out"
-        elif np.linalg.norm(lean + 2 * true) < part:
-            why += "had the opposite sign"
-        else:
-            why = ""
-        wrong = f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong{why}"
-        return Mistake(wrong, left, 2, of_tilt=True)
+        return Mistake(self._wrong(lean), left, 2, of_tilt=True)
+
+    def _wrong(self, lean: Array) -> str:
+        tilt = float(np.linalg.norm(self.axis))
+        text = f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong"
+        for times, how in ((1, "were left out"), (2, "had the opposite sign")):
+            if np.linalg.norm(lean + times * self.axis) < tilt / 5:
+                return f"{text}, as if the tilt of {np.degrees(tilt):.1f}° {how}"
+        return text
 
     def factor(self, unit: Array, text: Callable[[float], str], tilt: Mistake) -> Mistake:
         """Explain by a factor of what a unit moves, alone or with a tilt that is estimated from the same record.
 
-        The latter only if the factor has a text, there are enough frames for three parameters, a wrong tilt alone
-        explains far less, since more parameters leave less anyway, and the tilt is no larger than the factor can cause.
+        The latter only if the factor has a text, there are enough frames for three parameters, and a wrong tilt alone
+        explains far less, since more parameters leave less anyway. A tilt larger than the factor can cause, as in wind,
+        is a mistake of its own, and named beside the factor.
         """
         (one,), left = self.least(lambda x: self._moved((x[0] - 1) * unit), 0.5)
         alone = Mistake(text(float(one)), left, 1)
-        (one, *lean), left = self.least(lambda x: self._moved((x[0] - 1) * unit + x[1:]), 0.5, 1e-3, 1e-3)
-        beside = Mistake(text(float(one)), left, 3)
-        caused = np.linalg.norm(lean) < 2 * abs(one - 1) * np.sqrt(np.mean(np.sum(unit**2, axis=1)))
+        starts = (0.5, 1e-3, 1e-3), (1.0, *self.least(self._moved, 1e-3, 1e-3)[0])
+        fits = [self.least(lambda x: self._moved((x[0] - 1) * unit + x[1:]), *start) for start in starts]
+        x, left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
+        beside = Mistake(text(float(x[0])), left, 3)
+        if np.linalg.norm(x[1:]) > 2 * abs(x[0] - 1) * np.sqrt(np.mean(np.sum(unit**2, axis=1))):
+            beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[1:])}", left, 3, of_tilt=True)
         far = len(self.swing) >= ENOUGH and beside.rms < tilt.rms / CLEARLY**2
-        return beside if beside.text and caused and far and beside.rms < alone.rms else alone
+        return beside if beside.text and far and beside.rms < alone.rms else alone
 
 
 def _applied(what: str) -> Callable[[float], str]:
