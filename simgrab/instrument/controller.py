@@ -84,7 +84,7 @@ class Controller:
 
     @property
     def later_than_display(self) -> bool:
-        """Whether its clock is less certain than a display is fresh, which changes with the pictures."""
+        """Whether its clock may be further off than a display is late."""
         return self.clock_sd_s > math.hypot(DELAY_S, DELAY_SD_S)
 
     @property

@@ -127,7 +127,7 @@ class Pipeline:
 
     @property
     def display_first(self) -> bool:
-        """Whether a live run takes the display's rope length: no later readings show a recorded controller's clock."""
+        """Whether a live run takes the display's rope length where it is read: the controller's clock is not known."""
         return self.controller is not None and self.controller.later_than_display
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
