@@ -28,7 +28,9 @@ gone = pytest.mark.skipif(len(here) < len(ROOMS), reason="a room has been delete
 def test_the_core_imports_and_lists_its_commands_without_rooms(tmp_path):
     """Without one of them, the others do too: none imports another (`test_fence`)."""
     copy_without(ROOMS, tmp_path)
-    assert run(tmp_path, "-c", IMPORTS_ALL, "bench", "paper", "stress", "match", "new", "browse", "studio", "train") == 0
+    assert (
+        run(tmp_path, "-c", IMPORTS_ALL, "bench", "paper", "stress", "match", "new", "browse", "studio", "train") == 0
+    )
 
 
 @gone
