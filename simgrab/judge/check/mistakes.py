@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -91,18 +92,18 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mist
         inside = FOCAL[0] < factor < FOCAL[1]
         return f"with a focal length of {f_px / factor:.0f} px in place of {f_px:.0f} px" if inside else ""
 
-    tilt = fits.tilt()
+    tilt = fits.tilt
     (factor,), left = fits.least(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
-    of_lens = fits.factor(_level(grab - camera.translation) - axis, lens, tilt)
+    of_lens = fits.factor(_level(grab - camera.translation) - axis, lens)
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
     across = _applied(f"the camera's horizontal offset of {np.linalg.norm(offset.mean(axis=0)):.2f} m")
-    shift = fits.factor(offset / np.linalg.norm(grab, axis=1, keepdims=True), across, tilt)
+    shift = fits.factor(offset / np.linalg.norm(grab, axis=1, keepdims=True), across)
     found = [tilt, focal, shift]
     if max(shift.rms, tilt.rms) < CLEARLY * min(shift.rms, tilt.rms):  # as on a rope of constant length
         found = [tilt._replace(text=f"{shift.text}, or {tilt.text}" if shift.text else tilt.text), focal]
     bent, straight = (_along(camera, rows, of) for of in ("grab", "ideal"))
     if np.isfinite(bent).all() and np.abs(bent - straight).max() > NOTHING:
-        found.append(fits.factor(straight - bent, _applied("the lens's distortion"), tilt))
+        found.append(fits.factor(straight - bent, _applied("the lens's distortion")))
     as_with = [one._replace(text=one.text and f"The angles are as {one.text}") for one in found]
     return [*as_with, Mistake("", measured - true - np.mean(measured - true), 1)]
 
@@ -126,9 +127,15 @@ class _Fits:
     def _moved(self, by: Array) -> Array:
         return np.arcsin(np.clip(np.linalg.norm(self.swing + by, axis=1), 0, 1))
 
+    @cached_property
+    def lean(self) -> tuple[Array, Array]:
+        """By how much the tilt is wrong if nothing else is, (2,), rad, and the errors (n,) that this leaves."""
+        return self.least(self._moved, 1e-3, 1e-3)
+
+    @property
     def tilt(self) -> Mistake:
-        """Explain by a tilt that is wrong by a lean (2,), rad."""
-        lean, left = self.least(self._moved, 1e-3, 1e-3)
+        """Explain by a tilt that is wrong."""
+        lean, left = self.lean
         return Mistake(self._wrong(lean), left, 2, of_tilt=True)
 
     def _wrong(self, lean: Array) -> str:
@@ -139,7 +146,7 @@ class _Fits:
                 return f"{text}, as if the tilt of {np.degrees(tilt):.1f}° {how}"
         return text
 
-    def factor(self, unit: Array, text: Callable[[float], str], tilt: Mistake) -> Mistake:
+    def factor(self, unit: Array, text: Callable[[float], str]) -> Mistake:
         """Explain by a factor of what a unit moves, alone or with a tilt that is estimated from the same record.
 
         The latter only if the factor has a text, there are enough frames for three parameters, and a wrong tilt alone
@@ -148,13 +155,13 @@ class _Fits:
         """
         (one,), left = self.least(lambda x: self._moved((x[0] - 1) * unit), 0.5)
         alone = Mistake(text(float(one)), left, 1)
-        starts = (0.5, 1e-3, 1e-3), (1.0, *self.least(self._moved, 1e-3, 1e-3)[0])
+        starts = (0.5, 1e-3, 1e-3), (1.0, *self.lean[0])
         fits = [self.least(lambda x: self._moved((x[0] - 1) * unit + x[1:]), *start) for start in starts]
         x, left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
         beside = Mistake(text(float(x[0])), left, 3)
         if np.linalg.norm(x[1:]) > 2 * abs(x[0] - 1) * np.sqrt(np.mean(np.sum(unit**2, axis=1))):
             beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[1:])}", left, 3, of_tilt=True)
-        far = len(self.swing) >= ENOUGH and beside.rms < tilt.rms / CLEARLY**2
+        far = len(self.swing) >= ENOUGH and beside.rms < self.tilt.rms / CLEARLY**2
         return beside if beside.text and far and beside.rms < alone.rms else alone
 
 
