@@ -121,12 +121,27 @@ def test_on_a_rope_of_constant_length_an_offset_and_a_tilt_along_it_look_alike(a
     assert (also and f"The angles are as {also}, or with a camera tilt" in text) or not also
 
 
-def test_rope_lengths_that_are_far_too_long_are_no_offset():
-    rows, true = truth("offset", "beside")
-    offset = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 3]
+ASIDE = {"camera.offset_x_m": 0.5, "camera.offset_y_m": 0.9}
+
+
+@pytest.mark.parametrize(
+    ("used", "text"),
+    [
+        ((0.9, 0.5), "if x and y of the camera's offset, 0.50 and 0.90 m, were exchanged"),
+        ((0.7, 0.9), "with a horizontal camera offset of (0.70, 0.90) m in place of (0.50, 0.90) m"),
+        ((0.5 / 1.08, 0.9 / 1.08), "with rope lengths that are 1.08 times the true ones"),
+        ((0.5 / 4, 0.9 / 4), "with rope lengths that are 4 times the true ones"),
+    ],
+)
+@pytest.mark.parametrize("follows", [False, True])
+def test_an_offset_that_is_wrong_otherwise_is_named(follows, used, text):
+    """Rope lengths that are not output look like an offset that is too small."""
+    rows, true = rows_of(scenes.load("quay-day", ASIDE | {"frames": FRAMES}))
     length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
-    found = likely(leaning(rows, (1 / 4 - 1) * offset / length), true, rows, None)
-    assert found is None or "offset" not in found.text
+    by = (np.array(used) - [0.5, 0.9]) / length
+    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.005), len(true))
+    measured = leaning(rows, by - by.mean(axis=0) if follows else by) + noise
+    assert likely(measured, true, rows, None).text == f"The angles are as {text}"
 
 
 @pytest.mark.parametrize("follows", [False, True])

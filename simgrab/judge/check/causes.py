@@ -108,17 +108,17 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
         return
     factor = float(measured @ true) / max(float(measured @ measured), 1e-12)
     scaled, moved = _rms(factor * measured - true), _rms(measured - true - bias)
-    without = f"Without it the RMSE would be {min(scaled, moved):.2f}° instead of {rmse:.2f}°."
+    without = "Without it the RMSE would be {:.2f}°" + f" instead of {rmse:.2f}°."
     if factor > 0 and scaled < min(moved, rmse) / 2:
         degrees = ", as if it were in degrees" if 0.9 < math.degrees(factor) < 1.1 else ""
         yield (
             f"Most of the error is a factor: the measured angle is {1 / factor:.2f} times the true one{degrees}. "
-            f"{without}"
+            f"{without.format(scaled)}"
         )
     elif bias**2 > rmse**2 / 2:
         yield (
             f"Most of the error is a constant: on average, the measured angle is {abs(bias):.2f}° too "
-            f"{'large' if bias > 0 else 'small'}. {without}"
+            f"{'large' if bias > 0 else 'small'}. {without.format(moved)}"
         )
 
 

@@ -17,7 +17,9 @@ from simgrab.model.truth import Row
 MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for two mistakes at once
 FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for radians is far from them
 NEAR = 0.15  # how far a factor may be from 0 of what is left out, or from -1 of what has the opposite sign
-CLEARLY = 1.2  # times the next best explanation's error
+CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
+STILL = 0.2  # of the angle that the offset makes, below which the swing shows no direction
+ANY_OFFSET, MOST_OFFSET_M = "with a horizontal camera offset of", 3.0
 NOTHING = 1e-6  # rad, below which errors are rounding
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must leave at most
 
@@ -96,11 +98,11 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mist
     (factor,), left = fits.least(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
     of_lens = fits.factor(_level(grab - camera.translation) - axis, lens)
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
-    across = _applied(f"the camera's horizontal offset of {np.linalg.norm(offset.mean(axis=0)):.2f} m")
-    shift = fits.factor(offset / np.linalg.norm(grab, axis=1, keepdims=True), across)
+    shift = _of_offset(fits, offset.mean(axis=0), 1 / np.linalg.norm(grab, axis=1, keepdims=True))
     found = [tilt, focal, shift]
     if max(shift.rms, tilt.rms) < CLEARLY * min(shift.rms, tilt.rms):  # as on a rope of constant length
-        found = [tilt._replace(text=f"{shift.text}, or {tilt.text}" if shift.text else tilt.text), focal]
+        either = shift.text and not shift.text.startswith(ANY_OFFSET)
+        found = [tilt._replace(text=f"{shift.text}, or {tilt.text}" if either else tilt.text), focal]
     bent, straight = (_along(camera, rows, of) for of in ("grab", "ideal"))
     if np.isfinite(bent).all() and np.abs(bent - straight).max() > NOTHING:
         found.append(fits.factor(straight - bent, _applied("the lens's distortion")))
@@ -147,20 +149,28 @@ class _Fits:
         return text
 
     def factor(self, unit: Array, text: Callable[[float], str]) -> Mistake:
-        """Explain by a factor of what a unit moves, alone or with a tilt that is estimated from the same record.
+        """Explain by a factor of what a unit (n, 2) moves."""
+        one = np.ones(1)
+        return self.explain(lambda x: (x[0] - 1) * unit, one / 2, one, lambda x: text(float(x[0])))
 
-        The latter only if the factor has a text, there are enough frames for three parameters, and a wrong tilt alone
-        explains far less, since more parameters leave less anyway. A tilt larger than the factor can cause, as in wind,
-        is a mistake of its own, and named beside the factor.
+    def explain(
+        self, by: Callable[[Array], Array], start: Array, nothing: Array, text: Callable[[Array], str]
+    ) -> Mistake:
+        """Explain by parameters (k,) of what moves the swing, alone or with a tilt estimated from the same record.
+
+        The latter only if they have a text, there are enough frames for all parameters, and a wrong tilt alone
+        explains far less, since more parameters leave less anyway. A tilt larger than they can cause, as in wind, is a
+        mistake of its own, and named beside them. ``nothing`` are those that move nothing.
         """
-        (one,), left = self.least(lambda x: self._moved((x[0] - 1) * unit), 0.5)
-        alone = Mistake(text(float(one)), left, 1)
-        starts = (0.5, 1e-3, 1e-3), (1.0, *self.lean[0])
-        fits = [self.least(lambda x: self._moved((x[0] - 1) * unit + x[1:]), *start) for start in starts]
+        k = len(start)
+        x, left = self.least(lambda x: self._moved(by(x)), *start)
+        alone = Mistake(text(x), left, k)
+        starts = (*start, 1e-3, 1e-3), (*nothing, *self.lean[0])
+        fits = [self.least(lambda x: self._moved(by(x[:k]) + x[k:]), *start) for start in starts]
         x, left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
-        beside = Mistake(text(float(x[0])), left, 3)
-        if np.linalg.norm(x[1:]) > 2 * abs(x[0] - 1) * np.sqrt(np.mean(np.sum(unit**2, axis=1))):
-            beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[1:])}", left, 3, of_tilt=True)
+        beside = Mistake(text(x[:k]), left, k + 2)
+        if np.linalg.norm(x[k:]) > 2 * np.sqrt(np.mean(np.sum(by(x[:k]) ** 2, axis=1))):
+            beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[k:])}", left, k + 2, of_tilt=True)
         far = len(self.swing) >= ENOUGH and beside.rms < self.tilt.rms / CLEARLY**2
         return beside if beside.text and far and beside.rms < alone.rms else alone
 
@@ -175,6 +185,40 @@ def _applied(what: str) -> Callable[[float], str]:
         return ""
 
     return text
+
+
+def _of_offset(fits: _Fits, true: Array, per_m: Array) -> Mistake:
+    """Explain by a horizontal offset of the camera (2,), m, that is wrong in a way that has a name, or in any.
+
+    ``per_m`` (n, 1) is by how much 1 m moves the swing. Of a grab that hangs still, the direction does not follow from
+    the angle, so only an offset that is left out or mirrored is named.
+    """
+    across, (x, y) = np.linalg.norm(true), true
+
+    def rope(share: float) -> str:  # if it is taken to be too long, the camera seems to be nearer to the exit
+        return f"with rope lengths that are {1 / share:.3g} times the true ones" if 1 / 5 < share < 5 else ""
+
+    def exchanged(share: float) -> str:
+        return (
+            f"if x and y of the camera's offset, {x:.2f} and {y:.2f} m, were exchanged" if abs(share - 2) < NEAR else ""
+        )
+
+    def other(by: Array) -> str:
+        used = true + by
+        text = f"{ANY_OFFSET} ({used[0]:.2f}, {used[1]:.2f}) m in place of ({x:.2f}, {y:.2f}) m"
+        return text if np.linalg.norm(used) < MOST_OFFSET_M else ""
+
+    applied = fits.factor(true * per_m, _applied(f"the camera's horizontal offset of {across:.2f} m"))
+    if np.sqrt(np.mean(np.sum(fits.swing**2, axis=1))) < STILL * across * np.mean(per_m):
+        return applied
+    found = (
+        (applied, CLEARLY),
+        (fits.factor((true[::-1] - true) * per_m, exchanged), CLEARLY),
+        (fits.factor(true * per_m, rope), AS_GOOD),
+        (fits.explain(lambda x: x * per_m, np.full(2, 1e-3), np.zeros(2), other), 1.0),
+    )
+    least = min(one.rms for one, _ in found)
+    return next((one for one, most in found if one.text and one.rms <= most * least), found[-1][0])
 
 
 def _along(camera: Pose, rows: Sequence[Row], of: str) -> Array:
