@@ -47,7 +47,10 @@ ASKED = {
     "sensor": ("format of the sensor, such as 1/2.8, or its name, such as IMX335", "1/2.8"),
     "lens": ("focal length of the lens, mm (with --camera: its longest)", "4"),
     "rate": ("pictures a second", "25"),
-    "offset": ("camera from the middle of the rope exits: to the picture's top (outboard), to its left, up, m", "0,0.6,-0.3"),
+    "offset": (
+        "camera from the middle of the rope exits: to the picture's top (outboard), to its left, up, m",
+        "0,0.6,-0.3",
+    ),
     "tilt": ("tilt of the camera from the vertical, degrees", "3"),
     "height": ("height of the jib head above the quay, 22 to 35 m", "28"),
     "ropes": ("shortest and longest rope, m", "8..22"),
