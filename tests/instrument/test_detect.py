@@ -1,6 +1,7 @@
 import dataclasses
 import json
 
+import cv2
 import numpy as np
 import pytest
 from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save
@@ -113,7 +114,7 @@ def bright(size=(1080, 1920), at=(700, 400), half=24):  # fills the cell of the 
 
 def test_the_detector_combines_its_nets(tmp_path):
     calibration = {"slope": 0.5, "heat": 0.25, "offset": 1.0, "box": 3.0, "centre": 2.0, "yaw": 1.5}
-    found, logits = detector(hand_made(tmp_path, yaw=0.5, calibration=calibration)).examine(bright())
+    found, logits = detector(hand_made(tmp_path, yaw=np.pi / 2, calibration=calibration)).examine(bright())
     assert found.found
     np.testing.assert_allclose(logits, [3.0, 4.0], atol=1e-5)
     # The coarse net gives 20 of 384 px each way, 100 px, and the pose net 0.3 of its crop: of the last one here.
@@ -121,7 +122,7 @@ def test_the_detector_combines_its_nets(tmp_path):
     side = around([700 - half, 400 - half, 700 + half, 400 + half], Settings().close).size[0]
     np.testing.assert_allclose(found.box, np.array([700, 400] * 2) + 0.3 * side * np.array([-1, -1, 1, 1]), atol=0.01)
     np.testing.assert_allclose(found.centre, [700, 400], atol=0.01)
-    assert found.yaw == pytest.approx(0.5)
+    assert found.yaw == pytest.approx(np.pi / 2)
     assert found.score == pytest.approx(1 / (1 + np.exp(-3.5)))
     np.testing.assert_allclose(found.box_sd_px, 3 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
     np.testing.assert_allclose(found.centre_sd_px, 2 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
@@ -129,12 +130,31 @@ def test_the_detector_combines_its_nets(tmp_path):
     assert GrabDetector(tmp_path).settings == Settings(least_heat=0.2)
 
 
+def test_the_mirror_image_of_a_picture_gives_the_mirror_image_of_the_pose():
+    """By what is shown, and by where in the picture it is shown."""
+    rng = np.random.default_rng(0)
+    picture = cv2.resize(rng.integers(0, 255, (30, 40, 3), np.uint8), (640, 480), interpolation=cv2.INTER_CUBIC)
+    made = GrabDetector(WEIGHTS)
+    box = np.array([100.0, 80.0, 160.0, 180.0])
+
+    def mirrored(box):
+        return [640, 0, 640, 0] + box[[2, 1, 0, 3]] * [-1, 1, -1, 1]
+
+    one = made.pose(picture, box, 1.4, mirrored=True)
+    other = made.pose(np.ascontiguousarray(picture[:, ::-1]), mirrored(box), 1.4, mirrored=True)
+    np.testing.assert_allclose(other.boxes[0], mirrored(one.boxes[0]), atol=0.01)
+    np.testing.assert_allclose(other.centres[0], [640, 0] + one.centres[0] * [-1, 1], atol=0.01)
+    np.testing.assert_allclose(other.box_sd[0], one.box_sd[0, [2, 1, 0, 3]], rtol=1e-3)
+    np.testing.assert_allclose(np.tan(other.yaw), -np.tan(one.yaw), atol=1e-3)
+    np.testing.assert_allclose(other.presence, one.presence, atol=1e-3)
+
+
 @pytest.mark.parametrize(("presence", "tried"), [(3.0, 1), (-3.0, 2)])
 def test_the_search_ends_at_a_candidate_that_is_clearly_the_grab(presence, tried, tmp_path, monkeypatch):
     """The hottest one is smaller than another, whose presence is higher."""
     made, seen = GrabDetector(hand_made(tmp_path, presence=presence, glow=100.0)), []
     run = made.pose
-    monkeypatch.setattr(made, "pose", lambda *args: seen.append(args) or run(*args))
+    monkeypatch.setattr(made, "pose", lambda *args, **how: seen.append(args) or run(*args, **how))
     large = bright(at=(1220, 760), half=40) // 255 * 250
     found = made(np.maximum(bright(), large))
     assert len(seen) == tried + 1
@@ -145,7 +165,7 @@ def test_the_search_ends_at_a_candidate_that_is_clearly_the_grab(presence, tried
 def test_a_yaw_whose_interval_holds_every_direction_is_not_stated(factor, stated, tmp_path):
     sd = factor * np.sqrt(2) * np.exp(-3) / 2
     assert (1.96 * sd < np.pi / 2) == stated
-    found = detector(hand_made(tmp_path, yaw=0.5, calibration={"yaw": factor}))(bright())
+    found = detector(hand_made(tmp_path, yaw=np.pi / 2, calibration={"yaw": factor}))(bright())
     assert found.found
     assert (found.yaw is not None, found.yaw_sd is not None) == (stated, stated)
 
@@ -167,8 +187,8 @@ def test_either_net_can_doubt_a_grab(tmp_path, monkeypatch):
     looks, pose = detector(hand_made(tmp_path, calibration={"heat": 1.0})), GrabDetector.pose
     assert looks(bright()).found
 
-    def doubting(self, picture, box, at):
-        found = pose(self, picture, box, at)
+    def doubting(self, picture, box, at, **how):
+        found = pose(self, picture, box, at, **how)
         return dataclasses.replace(found, presence=found.presence - 20.0 * (at == looks.settings.close))
 
     with monkeypatch.context() as patched:

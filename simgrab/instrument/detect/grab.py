@@ -2,9 +2,9 @@
 
 The coarse net proposes boxes in the shrunken picture. The pose net gets a crop of the whole picture around each of the
 best few, with its surroundings, until one is clearly the grab, and predicts whether it is, its box, centre and yaw, and
-how sure each is. Of the best one it gets a closer crop too, in which a pixel of the picture is larger, and predicts the
-geometry again. The presence is a logistic regression on the scores of both nets: the coarse one's heat, and the closer
-crop's.
+how sure each is. Of the best one it gets a closer crop too, in which a pixel of the picture is larger, as it is and
+mirrored, and the mean of both outputs is what counts. The presence is a logistic regression on the scores of both nets:
+the coarse one's heat, and the closer crop's.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from simgrab.instrument.detect.patches import (
     around,
     cut,
     cut_crop,
+    mirror,
     whole,
 )
 from simgrab.instrument.net import Net, open_net
@@ -203,7 +204,7 @@ class GrabDetector:
             other = self.pose(picture, candidate.box, self.settings.room)
             if other.presence[0] > first.presence[0]:
                 best, first = candidate, other
-        near, own = self.pose(picture, first.boxes[0], self.settings.close), self.calibration
+        near, own = self.pose(picture, first.boxes[0], self.settings.close, mirrored=True), self.calibration
         logits = np.array([near.presence[0], best.logit])
         presence = own.presence(logits)
         height, width = picture.shape[:2]
@@ -237,11 +238,17 @@ class GrabDetector:
         enough = max(self.settings.least_heat, self.settings.rivals * found[0].heat) if found else 0.0
         return [candidate for candidate in found if candidate.heat >= enough][: self.settings.candidates]
 
-    def pose(self, picture: Picture, box: Array, room: float) -> Poses:
-        """Run the pose net on a crop around a box (4,), px, of ``room`` times its longer side."""
+    def pose(self, picture: Picture, box: Array, room: float, *, mirrored: bool = False) -> Poses:
+        """Run the pose net on a crop around a box (4,), px, of ``room`` times its longer side.
+
+        With ``mirrored``, also on the crop's mirror image: the mean output counts.
+        """
         patch = around(_sound(box), room)
         crop = cut_crop(picture, patch, POSE_SIZE)
-        return read(_run(self._pose, crop[None], _ROWS)[0], [patch], picture.shape[1], picture.shape[0])
+        out = _run(self._pose, np.stack([crop, mirror(crop)]) if mirrored else crop[None], _ROWS)[0]
+        if mirrored:
+            out = np.mean([out[0], mirrored_back(out[1])], axis=0)[None]
+        return read(out, [patch], picture.shape[1], picture.shape[0])
 
 
 def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:
@@ -269,6 +276,13 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
         box = middle + reach[:, row, column].astype(float) * [-1, -1, 1, 1]
         result.append((box, float(logits[row, column])))
     return result
+
+
+def mirrored_back(out: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Output of the pose net (16,) for a crop, from that for its mirror image."""
+    x0, y0, x1, y1, u, v = out[:6]
+    places = [1 - x1, y0, 1 - x0, y1, 1 - u, v]
+    return np.array([*places, *out[[8, 7, 6, 9, 10, 11, 12]], -out[13], *out[14:]])  # a yaw φ is π − φ there
 
 
 def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: int) -> Poses:

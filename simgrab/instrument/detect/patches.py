@@ -107,6 +107,13 @@ def cut_crop(picture: Picture, patch: Patch, size: int) -> Picture:
     return np.concatenate([cut(picture, patch, size, size), inside[..., None], where], axis=-1)
 
 
+def mirror(crop: Picture) -> Picture:
+    """Mirror a crop of `cut_crop` left to right: as if the picture were."""
+    result = crop[:, ::-1].copy()
+    result[..., 4] = np.minimum(256 - result[..., 4].astype(int), 255)  # `as_bytes` of the opposite place
+    return result
+
+
 def places(width: int, height: int, corner: Array, extent: Array, size: int) -> Array:
     """Where each pixel of a part lies: from the picture's middle, in the picture's widths, (size, size, 2).
 
