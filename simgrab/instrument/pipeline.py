@@ -23,7 +23,7 @@ from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
 from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.estimate.intervals import WORKING, IntervalSettings
-from simgrab.instrument.estimate.solve import in_wind, informed, on_clock, solve, stated_ends
+from simgrab.instrument.estimate.solve import in_wind, informed, on_clock, solve, stated_ends, with_weak_prior
 from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.observation import Observation, observe, one
@@ -286,8 +286,9 @@ class Pipeline:
                 del observations[:old], lengths[:old]
                 if estimated:
                     whole = angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
-                    found = whole.estimate(in_wind(estimator, self.controller, whole.time), calibration)
-                    tilt = known(found) if found.ok else tilt
+                    windy = in_wind(estimator, self.controller, whole.time)
+                    found = whole.estimate(windy, calibration)
+                    tilt = known(with_weak_prior(found, whole, windy, calibration)) if found.ok else tilt
             alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""
             if tracker is not None:
                 alpha[0], ends[0] = tracker.step(at, observations[-1].centre, lengths[-1])

@@ -21,11 +21,13 @@ from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Bridge, rope
+from simgrab.instrument.run.assumed import assumptions
 from simgrab.instrument.run.subject import open_instrument
 from simgrab.model import scenes
 from simgrab.model.calibration import Calibration
 from simgrab.model.records.observations import Detection, Reading
 from simgrab.world.trajectory.trajectory import Trajectory
+from tests.instrument.test_controller_fusion import controller
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import swinging
@@ -248,6 +250,24 @@ def test_a_live_record_on_a_clock_that_is_not_known_takes_the_display_while_it_i
     assert read[:150].all()
     assert not read[-30:].any()
     np.testing.assert_array_equal(found, np.where(read, display, own) if by_display else own)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("mount", "given"), [("fixed", "display"), ("fixed", "live"), ("levelled", "controller")])
+def test_a_mirrored_offset_is_named_however_exactly_it_is_stated(mount, given, sign):
+    crane = swinging.record(fixed=False, frames=460, seed=301, camera__mount={"model": mount}, camera__offset_x_m=0.4)
+    x, y, z = crane.calibration.offset_m
+    camera = msgspec.structs.replace(crane.calibration, offset_m=(sign * x, y, z), offset_sd_m=1e-3)
+    seen, record = crane.observations(1.0), None
+    instrument = made(controller=controller(crane.time, crane.jib) if given == "controller" else None)
+    if given == "live":
+        said = Scripted(seen)
+        tilt = list(Pipeline(said, said).live(frames_of(seen), camera))[-1].tilt
+    else:
+        record = instrument.conclude(seen, camera)
+        tilt = record.tilt
+    beyond = assumptions(camera, record, tilt, instrument, ())["beyond"]
+    assert ("standard deviations of 0.05 m from offset_m" in beyond) == (sign < 0)
 
 
 def test_an_estimator_of_another_kind_is_refused():

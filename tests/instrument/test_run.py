@@ -494,7 +494,7 @@ def test_a_run_states_what_it_assumed_and_what_its_intervals_owe_to_that(found, 
 
 
 @pytest.mark.parametrize(
-    ("moved_m", "text"), [(0.09, ""), (-0.11, "(0.00, 0.49, -0.30) m, 2.2 standard deviations from")]
+    ("moved_m", "text"), [(0.09, ""), (-0.11, "(0.00, 0.49, -0.30) m, 2.2 standard deviations of 0.05 m from")]
 )
 def test_an_estimated_offset_far_from_the_stated_one_is_named(moved_m, text):
     camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=(0.0, 0.6, -0.3), offset_sd_m=0.05)
@@ -513,7 +513,11 @@ def test_an_estimated_offset_far_from_the_stated_one_is_named(moved_m, text):
             "",
             'unless the camera pitches with the jib (mount = "rigid"), the camera offset is (0.00, 0.44, -0.30) m',
         ),
-        (0.44, "fixed", "the camera offset is (0.00, 0.44, -0.30) m, 3.2 standard deviations from offset_m: "),
+        (
+            0.44,
+            "fixed",
+            "the camera offset is (0.00, 0.44, -0.30) m, 3.2 standard deviations of 0.05 m from ",
+        ),
         (0.44, "rigid", ""),
     ],
 )

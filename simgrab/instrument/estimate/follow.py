@@ -25,8 +25,9 @@ from simgrab.model.records.estimates import Estimate
 Meta = msgspec.Meta
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
 LEVEL = 0.95
+WEAK_PRIOR_OFFSET = "weak_prior_offset_m"  # among diagnostics
 FAR, FAR_IF_FIXED = 2.0, 3.0  # standard deviations
-LEAST_OFFSET_SD_M = 0.01  # of a tape measure
+LEAST_OFFSET_SD_M = 0.05  # with which a stated offset is tested: a stronger prior hides what frames show of it
 
 
 class Known(Checked, frozen=True):
@@ -44,6 +45,8 @@ class Known(Checked, frozen=True):
     covariance : list of lists
         As `simgrab.model.records.estimates.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², widened so that normal
         quantiles apply.
+    weak_prior_offset_m : tuple of 3 floats, or None
+        ``offset_m`` with the prior that tests it; None if its own prior does.
     """
 
     error = CalibrationError
@@ -54,6 +57,7 @@ class Known(Checked, frozen=True):
     tilt_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)]
     offset_m: tuple[Metres, Metres, Metres] | None
     covariance: tuple[tuple[Entry, ...], ...]
+    weak_prior_offset_m: tuple[Metres, Metres, Metres] | None = None
 
     def check(self) -> None:  # noqa: D102
         shape = np.shape(self.covariance)
@@ -83,10 +87,13 @@ def known(estimate: Estimate) -> Known:
         covariance = best.tilt * (iv.student(best.level, degrees) / iv.student(best.level, np.inf)) ** 2
     return Known(
         estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(estimate.tilt_azimuth)),
-        None if estimate.offset is None else (float(estimate.offset[0]), float(estimate.offset[1]),
-                                              float(estimate.offset[2])),
-        tuple(tuple(float(x) for x in row) for row in covariance),
+        _components(estimate.offset), tuple(tuple(float(x) for x in row) for row in covariance),
+        _components(estimate.diagnostics.get(WEAK_PRIOR_OFFSET)),
     )  # fmt: skip
+
+
+def _components(offset: Array | None) -> tuple[float, float, float] | None:
+    return None if offset is None else (float(offset[0]), float(offset[1]), float(offset[2]))
 
 
 def _of_beta(estimate: Estimate) -> Array:
@@ -162,13 +169,18 @@ def follow(
 
 
 def far_offset(
-    found: Sequence[float] | None, calibration: Calibration, *, by_motion: bool = False, fixed: Array | None = None
+    found: Sequence[float] | Array | None,
+    calibration: Calibration,
+    *,
+    by_motion: bool = False,
+    fixed: Array | None = None,
 ) -> str:
     """Name an estimated offset, m, that is far from the stated one; empty if it is not, or was not estimated.
 
     Parameters
     ----------
     found : sequence of 3 floats or None
+        Estimated with a prior of at least `LEAST_OFFSET_SD_M`.
     calibration : Calibration
     by_motion : bool
         Whether it was estimated with the controller's slewing and radius.
@@ -180,16 +192,16 @@ def far_offset(
     if (far := _deviations(found, calibration)) > FAR:
         also = ", and the controller's slewing angle and radius, which it was estimated with" if by_motion else ""
         return (
-            f"the camera offset is estimated as {_metres(found)}, {far:.1f} standard deviations from offset_m; are its "
-            f"axes and signs right, and the rope's length{also}?"
+            f"the camera offset is estimated as {_metres(found)}, {far:.1f} standard deviations of "
+            f"{_sd_m(calibration):g} m from offset_m; are its axes and signs right, and the rope's length{also}?"
         )
     if fixed is None or not by_motion or calibration.mount == "rigid":
         return ""
     if (far := _deviations(fixed, calibration)) > FAR_IF_FIXED:
         unless = "" if calibration.mount else 'unless the camera pitches with the jib (mount = "rigid"), '
         return (
-            f"{unless}the camera offset is {_metres(fixed)}, {far:.1f} standard deviations from offset_m: are its axes "
-            "and signs right?"
+            f"{unless}the camera offset is {_metres(fixed)}, {far:.1f} standard deviations of "
+            f"{_sd_m(calibration):g} m from offset_m: are its axes and signs right?"
         )
     return ""
 
@@ -197,7 +209,11 @@ def far_offset(
 def _deviations(found: Sequence[float] | Array, calibration: Calibration) -> float:
     """How far an offset is from the stated one, in standard deviations of its most different component."""
     off = max(abs(one - stated) for one, stated in zip(found, calibration.offset_m, strict=True))
-    return float(off / max(calibration.offset_sd_m, LEAST_OFFSET_SD_M))
+    return float(off / _sd_m(calibration))
+
+
+def _sd_m(calibration: Calibration) -> float:
+    return max(calibration.offset_sd_m, LEAST_OFFSET_SD_M)
 
 
 def _metres(offset: Sequence[float] | Array) -> str:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
+import msgspec
 import numpy as np
 
 from simgrab.errors import RecordError
 from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.estimate.contract import Estimator
 from simgrab.instrument.estimate.doubts import doubt
+from simgrab.instrument.estimate.follow import LEAST_OFFSET_SD_M, WEAK_PRIOR_OFFSET
 from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -88,6 +90,7 @@ def solve(
         used = record.with_lengths(moved)
         found = used.estimate(estimator, calibration, until_s)
     why = doubt(estimator, used, calibration, found)
+    found = with_weak_prior(found, used, estimator, calibration, until_s)
     if found.ok:
         return Solved(used, found, why)
     return Solved(used, replace(found, reason="; ".join(filter(None, [found.reason, why]))), "")
@@ -101,6 +104,20 @@ def _by_swing(controller: Controller | None, estimator: Estimator, estimate: Est
     moved = controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
     change = np.abs(moved.rope_at(controller.time) - controller.rope)
     return moved if np.nanmax(change) > LEAST_CHANGE_M else None
+
+
+def with_weak_prior(
+    found: Estimate, record: PixelRecord, estimator: Estimator, calibration: Calibration, until_s: float | None = None
+) -> Estimate:
+    """Add the offset as a record shows it, for `far_offset`, where the calibration's prior would hide it."""
+    if found.offset is None or calibration.offset_sd_m >= LEAST_OFFSET_SD_M:
+        return found
+    weak = record.estimate(estimator, msgspec.structs.replace(calibration, offset_sd_m=LEAST_OFFSET_SD_M), until_s)
+    if weak.offset is None:
+        return found
+    shown = {WEAK_PRIOR_OFFSET: weak.offset}
+    fixed = {name: value for name, value in weak.diagnostics.items() if name == "offset_if_fixed_m"}
+    return replace(found, diagnostics={**found.diagnostics, **fixed, **shown})
 
 
 def stated_ends(estimate: Estimate) -> Array:

@@ -75,7 +75,8 @@ def assumptions(
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
     by_motion = moving(used) and not (used is not None and used.needs_imu)
     fixed = None if record is None or record.estimate is None else record.estimate.diagnostics.get("offset_if_fixed_m")
-    far = "" if tilt is None else far_offset(tilt.offset_m, camera, by_motion=by_motion, fixed=fixed)
+    offset_m = None if tilt is None else tilt.weak_prior_offset_m or tilt.offset_m
+    far = far_offset(offset_m, camera, by_motion=by_motion, fixed=fixed)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
             "leans": LEANS.format("--imu" if record is None else "--plc or --imu") if leans else "",
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured)]))}  # fmt: skip
