@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import copy
+from collections import deque
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 
+from simgrab.errors import RecordError
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.controller import Controller
+from simgrab.instrument.controller import Controller, clock_offset, in_words
 from simgrab.instrument.forecast import Forecaster
 from simgrab.model.geometry import Array
 
@@ -18,6 +21,8 @@ if TYPE_CHECKING:
 
 SILENT_S = 30.0  # without an angle
 STOPPED_S = 10.0  # without a reading of the controller
+LATE_S = 1.0  # change of the controller's clock by the display, which is 0 to 1 s late itself
+LENGTHS_S, LEAST_S, BETWEEN_S = 300.0, 60.0, 0.5  # of rope lengths that show the clock
 # Least jump of a direction, and of it over its standard deviation. Without a knock the greatest were 0.52° and 5.6: in
 # 20 simulated minutes of the scene work-cycles and 6 of alarm-cycles, seen with 1.3 px of noise.
 KNOCK, KNOCK_SD = np.radians(0.7), 6.0
@@ -38,7 +43,7 @@ class Fault(msgspec.Struct, frozen=True):
     kind : str
         ``"picture"``, ``"grab"``, ``"rope"`` or ``"angle"``: none for half a minute, or again; ``"source"``: a stream
         was connected again, or its time stamps jumped; ``"exposure"``; ``"camera"``: its tilt changed at once;
-        ``"controller"``: its readings stopped, came back, or their clock jumped.
+        ``"controller"``: its readings stopped, came back, or their clock jumped or is not that of the pictures.
     text : str
     """
 
@@ -66,6 +71,8 @@ class FaultWatch:
         self._swing = Forecaster()
         self._moved: Forecaster | None = None  # after a jump, as if the camera had been knocked
         self._jump, self._seen = np.zeros(2), list[bool]()
+        self._lengths = deque[tuple[float, float, float]](maxlen=int(LENGTHS_S / BETWEEN_S))
+        self._clock_s, self._compared = 0.0, -np.inf
         self.since = 0.0
 
     def found(self, time_s: float) -> tuple[Fault, ...]:
@@ -113,6 +120,29 @@ class FaultWatch:
             why = f": {feed.problem}" if feed.problem else ""
             stopped = f"no reading for {STOPPED_S:.0f} s; only a display gives the rope's length now{why}"
             self._found.append(("controller", stopped if self._stopped else "readings again"))
+
+    def clock(self, now: float, controller: Controller, display: float) -> None:
+        """Watch whether the controller's rope length follows the display's, m and NaN where there is none, in time."""
+        if controller.rope is None or (self._lengths and now < self._lengths[-1][0] + BETWEEN_S):
+            return
+        self._lengths.append((now, float(controller.rope_at(np.array([now]))[0]), display))
+        if now < max(self._lengths[0][0] + LEAST_S, self._compared + STOPPED_S):
+            return
+        self._compared = now
+        time, own, shown = np.array(self._lengths).T
+        try:
+            alone = replace(controller, time=time, slew=None, radius=None, rope=own, wind=None, hold_s=0.0)
+            found = clock_offset(alone, time, shown)
+        except RecordError as problem:
+            self._lengths.clear()
+            self._found.append(("controller", str(problem)))
+            return
+        low, high = found.interval_s
+        if abs(found.offset_s - self._clock_s) > LATE_S and (low > self._clock_s or high < self._clock_s):
+            self._clock_s = found.offset_s
+            self._found.append(
+                ("controller", f"its clock is {in_words(found.offset_s, (low, high), found.source, None)}")
+            )
 
     def shift(self, by: Array) -> None:
         """Move the directions by (1, 2), rad, because the tilt was estimated again."""

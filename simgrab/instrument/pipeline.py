@@ -277,6 +277,8 @@ class Pipeline:
             recent = _recent(observations)
             ropes = rope(recent, calibration, self.bridge)
             newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
+            if controller is not None:
+                watch.clock(at, controller, float(newest.rope_length[0]))
             if not (self.display_first and np.isfinite(newest.rope_length[0])):
                 newest = newest.with_lengths(controller)
             lengths.append(float(newest.rope_length[0]))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -268,6 +269,30 @@ def test_a_mirrored_offset_is_named_however_exactly_it_is_stated(mount, given, s
         tilt = record.tilt
     beyond = assumptions(camera, record, tilt, instrument, ())["beyond"]
     assert ("standard deviations of 0.05 m from offset_m" in beyond) == (sign < 0)
+
+
+@pytest.mark.parametrize("late_s", [-2.5, 0.0, 2.5])
+@pytest.mark.parametrize("followed", [False, True])
+def test_a_live_record_reports_a_controllers_clock_that_is_off_the_displays(crane, late_s, followed):
+    said = Scripted(seen := crane.observations(1.0)[:720])
+    data = Controller(crane.time - late_s, None, None, crane.rope + 0.1, 0.0, 0.0, 0.003, 5.0)
+
+    class Feed:
+        states_rope, states_motion, problem, news = True, False, "", ""
+
+        def poll(self, now):
+            some = (data.time <= now) & (data.time > now - 10)
+            readings = dataclasses.replace(data, time=data.time[some], rope=data.rope[some], hold_s=3.0)
+            return readings if some.sum() > 1 else None
+
+    given = {"feed": Feed()} if followed else {"controller": data}
+    live = Pipeline(said, said, **given).live(frames_of(seen), crane.calibration)
+    found = [fault.text for one in live for fault in one.faults if fault.kind == "controller"]
+    assert len(found) == bool(late_s)
+    if found:  # a display is taken to be 0.5 s late
+        off_s, side = re.fullmatch(r"its clock is (\S+) s .*(behind|ahead of) the pictures', .*", found[0]).groups()
+        assert float(off_s) == pytest.approx(abs(late_s - 0.5), abs=0.2)
+        assert (side == "behind") == (late_s > 0)
 
 
 def test_an_estimator_of_another_kind_is_refused():
