@@ -342,6 +342,7 @@ def calibration_of(scenario: Scenario) -> Calibration:
         width_px=k.width_px, height_px=k.height_px, focal_length_px=k.f_px, cx_px=k.cx_px, cy_px=k.cy_px,
         k1=d.k1, k2=d.k2, p1=d.p1, p2=d.p2, k3=d.k3,
         offset_m=camera.offset_m, roll_deg=camera.roll_deg, offset_sd_m=0.05,
+        mount=camera.mount.__struct_config__.tag,  # type: ignore[arg-type]  # of one of its kinds
         display_constant_m=scenario.display.constant_m,
         digit_layout=scenario.display_layout,
     )  # fmt: skip

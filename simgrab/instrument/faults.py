@@ -115,6 +115,7 @@ class FaultWatch:
         age_s = now - (self._begun if last is None else max(self._begun, float(last.time[-1])))
         if feed.news:
             self._found.append(("controller", feed.news))
+            self._lengths.clear()
         if (age_s > STOPPED_S) != self._stopped:
             self._stopped = not self._stopped
             why = f": {feed.problem}" if feed.problem else ""

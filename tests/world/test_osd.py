@@ -223,6 +223,11 @@ def test_the_font_has_every_character_and_nothing_else():
     assert FONT.stat().st_size < 40_000
 
 
+@pytest.mark.parametrize("mount", ["fixed", "levelled", "rigid"])
+def test_the_camera_file_says_how_the_camera_hangs(mount):
+    assert calibration_of(scenes.load("quay-day", {"camera.mount": {"model": mount}})).mount == mount
+
+
 def test_the_camera_file_says_what_the_display_is():
     scenario = scenes.load("quay-day", {"display.layout": "four-point-four", "display.constant_m": 1.25})
     known = tomllib.loads(calibration_of(scenario).to_toml())
