@@ -121,27 +121,38 @@ def test_on_a_rope_of_constant_length_an_offset_and_a_tilt_along_it_look_alike(a
     assert (also and f"The angles are as {also}, or with a camera tilt" in text) or not also
 
 
-ASIDE = {"camera.offset_x_m": 0.5, "camera.offset_y_m": 0.9}
-
-
 @pytest.mark.parametrize(
-    ("used", "text"),
+    ("used", "rope_known", "text"),
     [
-        ((0.9, 0.5), "if x and y of the camera's offset, 0.50 and 0.90 m, were exchanged"),
-        ((0.7, 0.9), "with a horizontal camera offset of (0.70, 0.90) m in place of (0.50, 0.90) m"),
-        ((0.5 / 1.08, 0.9 / 1.08), "with rope lengths that are 1.08 times the true ones"),
-        ((0.5 / 4, 0.9 / 4), "with rope lengths that are 4 times the true ones"),
+        ((0.9, 0.5), False, "if x and y of the camera's offset were exchanged"),
+        ((0.7, 0.9), False, "with a horizontal camera offset of (0.70, 0.90) m in place of (0.50, 0.90) m"),
+        ((0.4, 0.72), True, "with 0.80 times the camera's horizontal offset of 1.03 m"),
+        (
+            (0.125, 0.225),
+            False,
+            "with rope lengths that are 4 times the true ones, or with 0.25 times the camera's horizontal offset of "
+            "1.03 m",
+        ),
     ],
 )
 @pytest.mark.parametrize("follows", [False, True])
-def test_an_offset_that_is_wrong_otherwise_is_named(follows, used, text):
-    """Rope lengths that are not output look like an offset that is too small."""
-    rows, true = rows_of(scenes.load("quay-day", ASIDE | {"frames": FRAMES}))
+def test_an_offset_that_is_wrong_otherwise_is_named(follows, used, rope_known, text):
+    """Rope lengths that are not output look like a share of the offset."""
+    rows, true = rows_of(scenes.load("quay-day", {"camera.offset_x_m": 0.5, "camera.offset_y_m": 0.9, "frames": 32}))
     length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
     by = (np.array(used) - [0.5, 0.9]) / length
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.005), len(true))
     measured = leaning(rows, by - by.mean(axis=0) if follows else by) + noise
-    assert likely(measured, true, rows, None).text == f"The angles are as {text}"
+    assert likely(measured, true, rows, None, rope_known=rope_known).text == f"The angles are as {text}"
+
+
+def test_an_offset_that_differs_between_frames_is_named():
+    changes = {"vary": {"camera.offset_y_m": {"dist": "choice", "values": [-0.9, -0.7, 0.7, 0.9]}}, "frames": FRAMES}
+    rows, true = rows_of(scenes.load("quay-day", changes | {"camera.offset_x_m": 0.1, "clip.clip_frames": 1}))
+    offset = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 3]
+    assert abs(offset.mean(axis=0)[1]) < 0.3
+    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
+    assert re.search("offset of 0.8. m were left out$", likely(leaning(rows, -offset / length), true, rows, None).text)
 
 
 @pytest.mark.parametrize("follows", [False, True])

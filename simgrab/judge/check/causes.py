@@ -62,7 +62,11 @@ def causes(
     if both.any():
         measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
         moves = measured.std() >= swing.std() / STILL
-        mistake = likely(run.alpha, true, trial.known.rows, run.time) if moves and not lengths else None
+        read = _lengths(run)
+        given = bool(np.isfinite(read).any()) and of_rope(read, trial.known.rope_length, run.time) is None
+        mistake = None
+        if moves and not lengths:
+            mistake = likely(run.alpha, true, trial.known.rows, run.time, rope_known=given)
         if mistake and meets(_metrics(true + mistake.left, trial.known)):
             rmse = _rms(measured - swing)
             rest = np.rad2deg(_rms(mistake.left[np.isfinite(mistake.left)]))
@@ -74,9 +78,13 @@ def causes(
         yield from _of_stages(trial, run, trial.known, _rms(measured - swing), float(swing.std()), compared=compared)
 
 
+def _lengths(run: Run) -> Array:
+    return np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+
+
 def _of_lengths(run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:
     """Name a factor or constant of rope lengths without which their figures, or those of the angle, would pass."""
-    read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+    read = _lengths(run)
     mistake = of_rope(read, known.rope_length, run.time)
     if mistake is None:
         return

@@ -14,12 +14,12 @@ from scipy.optimize import least_squares
 from simgrab.model.geometry import Array, Pose
 from simgrab.model.truth import Row
 
-MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for two mistakes at once
+MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for an offset and a tilt at once
 FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for radians is far from them
 NEAR = 0.15  # how far a factor may be from 0 of what is left out, or from -1 of what has the opposite sign
 CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
-STILL = 0.2  # of the angle that the offset makes, below which the swing shows no direction
-ANY_OFFSET, MOST_OFFSET_M = "with a horizontal camera offset of", 3.0
+LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing shows no direction
+MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
 NOTHING = 1e-6  # rad, below which errors are rounding
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must leave at most
 
@@ -27,14 +27,15 @@ ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must le
 class Mistake(NamedTuple):
     """What explains errors of angles, or nothing that has a name, and the errors (n,), rad, that it leaves.
 
-    ``fitted`` is the number of parameters that were fitted to these errors, and ``of_tilt`` whether they are of a tilt,
-    which may be wrong because of something else.
+    ``fitted`` is the number of parameters that were fitted to these errors, ``of_tilt`` whether they are of a tilt,
+    which may be wrong because of something else, and ``any_offset`` whether of an offset that is wrong in no usual way.
     """
 
     text: str
     left: Array
     fitted: int = 0
     of_tilt: bool = False
+    any_offset: bool = False
 
     @property
     def rms(self) -> float:
@@ -45,7 +46,9 @@ class Mistake(NamedTuple):
         return max(float(np.sqrt(np.sum(some**2) / max(len(some) - self.fitted, 1))), NOTHING)
 
 
-def likely(measured: Array, true: Array, rows: Sequence[Row | None], time: Array | None) -> Mistake | None:
+def likely(
+    measured: Array, true: Array, rows: Sequence[Row | None], time: Array | None, *, rope_known: bool = False
+) -> Mistake | None:
     """Find the mistake that leaves the least errors: at most half of them, and clearly less than any other.
 
     Parameters
@@ -55,13 +58,15 @@ def likely(measured: Array, true: Array, rows: Sequence[Row | None], time: Array
     rows : sequence of n Row or None
     time : ndarray, shape (n,), or None
         s; None for independent frames.
+    rope_known : bool
+        Whether the rope lengths that these angles follow from are known to be right.
     """
     known = np.flatnonzero(np.isfinite(measured) & np.isfinite(true)).tolist()
     some = [row for row in (rows[i] for i in known) if row is not None]
     if len(some) < FEWEST:
         return None
     found = [_late("The measured angles", measured, true, time)]
-    for one in _of_geometry(measured[known], true[known], some):
+    for one in _of_geometry(measured[known], true[known], some, rope_known=rope_known):
         left = np.full(len(true), np.nan)
         left[known] = one.left
         found.append(one._replace(left=left))
@@ -83,7 +88,7 @@ def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistak
     return found[n]._replace(text=f"{what} are those of {frames} {'before' if n > 0 else 'after'} theirs")
 
 
-def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mistake]:
+def _of_geometry(measured: Array, true: Array, rows: Sequence[Row], *, rope_known: bool) -> list[Mistake]:
     """Explain by a tilt, a focal length, an offset, the lens's distortion, and by a constant."""
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
@@ -98,10 +103,10 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row]) -> list[Mist
     (factor,), left = fits.least(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
     of_lens = fits.factor(_level(grab - camera.translation) - axis, lens)
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
-    shift = _of_offset(fits, offset.mean(axis=0), 1 / np.linalg.norm(grab, axis=1, keepdims=True))
+    shift = _of_offset(fits, offset, 1 / np.linalg.norm(grab, axis=1, keepdims=True), rope_known=rope_known)
     found = [tilt, focal, shift]
     if max(shift.rms, tilt.rms) < CLEARLY * min(shift.rms, tilt.rms):  # as on a rope of constant length
-        either = shift.text and not shift.text.startswith(ANY_OFFSET)
+        either = shift.text and not shift.any_offset
         found = [tilt._replace(text=f"{shift.text}, or {tilt.text}" if either else tilt.text), focal]
     bent, straight = (_along(camera, rows, of) for of in ("grab", "ideal"))
     if np.isfinite(bent).all() and np.abs(bent - straight).max() > NOTHING:
@@ -148,10 +153,11 @@ class _Fits:
                 return f"{text}, as if the tilt of {np.degrees(tilt):.1f}° {how}"
         return text
 
-    def factor(self, unit: Array, text: Callable[[float], str]) -> Mistake:
-        """Explain by a factor of what a unit (n, 2) moves."""
-        one = np.ones(1)
-        return self.explain(lambda x: (x[0] - 1) * unit, one / 2, one, lambda x: text(float(x[0])))
+    def factor(self, unit: Array, text: Callable[[float], str], start: float = 0.5) -> Mistake:
+        """Explain by a factor, sought from ``start``, of what a unit (n, 2) moves."""
+        return self.explain(
+            lambda x: (x[0] - 1) * unit, np.full(1, start), np.ones(1), lambda x: text(float(x[0]))
+        )  # fmt: skip
 
     def explain(
         self, by: Callable[[Array], Array], start: Array, nothing: Array, text: Callable[[Array], str]
@@ -187,38 +193,41 @@ def _applied(what: str) -> Callable[[float], str]:
     return text
 
 
-def _of_offset(fits: _Fits, true: Array, per_m: Array) -> Mistake:
-    """Explain by a horizontal offset of the camera (2,), m, that is wrong in a way that has a name, or in any.
+def _of_offset(fits: _Fits, offset: Array, per_m: Array, *, rope_known: bool) -> Mistake:
+    """Explain by a horizontal offset of the camera (n, 2), m, that is wrong in a usual way, or in any.
 
     ``per_m`` (n, 1) is by how much 1 m moves the swing. Of a grab that hangs still, the direction does not follow from
     the angle, so only an offset that is left out or mirrored is named.
     """
-    across, (x, y) = np.linalg.norm(true), true
+    mean = np.round(offset.mean(axis=0), 6) + 0.0  # no -0.00
+    across = np.linalg.norm(offset, axis=1).mean()
 
-    def rope(share: float) -> str:  # if it is taken to be too long, the camera seems to be nearer to the exit
-        return f"with rope lengths that are {1 / share:.3g} times the true ones" if 1 / 5 < share < 5 else ""
+    def share(
+        factor: float,
+    ) -> str:  # of a rope that is taken to be too long, the camera seems to be nearer to the exit
+        if not 1 / 5 < factor < 5:
+            return ""
+        ropes = "" if rope_known else f"with rope lengths that are {1 / factor:.3g} times the true ones, or "
+        return f"{ropes}with {factor:.2f} times the camera's horizontal offset of {across:.2f} m"
 
-    def exchanged(share: float) -> str:
-        return (
-            f"if x and y of the camera's offset, {x:.2f} and {y:.2f} m, were exchanged" if abs(share - 2) < NEAR else ""
-        )
+    def exchanged(factor: float) -> str:
+        return "if x and y of the camera's offset were exchanged" if abs(factor - 2) < NEAR else ""
 
     def other(by: Array) -> str:
-        used = true + by
-        text = f"{ANY_OFFSET} ({used[0]:.2f}, {used[1]:.2f}) m in place of ({x:.2f}, {y:.2f}) m"
-        return text if np.linalg.norm(used) < MOST_OFFSET_M else ""
+        (x, y), (u, v) = mean, np.round(mean + by, 2) + 0.0
+        text = f"with a horizontal camera offset of ({u:.2f}, {v:.2f}) m in place of ({x:.2f}, {y:.2f}) m"
+        return text if max(abs(u), abs(v)) < MOST_OFFSET_M else ""
 
-    applied = fits.factor(true * per_m, _applied(f"the camera's horizontal offset of {across:.2f} m"))
-    if np.sqrt(np.mean(np.sum(fits.swing**2, axis=1))) < STILL * across * np.mean(per_m):
+    applied = fits.factor(offset * per_m, _applied(f"the camera's horizontal offset of {across:.2f} m"))
+    if np.sqrt(np.mean(np.sum(fits.swing**2, axis=1))) < LEAST_SWING * across * per_m.mean():
         return applied
-    found = (
-        (applied, CLEARLY),
-        (fits.factor((true[::-1] - true) * per_m, exchanged), CLEARLY),
-        (fits.factor(true * per_m, rope), AS_GOOD),
-        (fits.explain(lambda x: x * per_m, np.full(2, 1e-3), np.zeros(2), other), 1.0),
-    )
-    least = min(one.rms for one, _ in found)
-    return next((one for one, most in found if one.text and one.rms <= most * least), found[-1][0])
+    usual = fits.factor((offset[:, ::-1] - offset) * per_m, exchanged, 1.5), fits.factor(offset * per_m, share)
+    found = [(applied, CLEARLY), *zip(usual, (CLEARLY, AS_GOOD), strict=True)]
+    if np.ptp(offset, axis=0).max() < SAME_M:
+        least = fits.explain(lambda x: x * per_m, np.full(2, 1e-3), np.zeros(2), other)
+        found.append((least._replace(any_offset=True), 1.0))
+    best = min(one.rms for one, _ in found)
+    return next((one for one, most in found if one.text and one.rms <= most * best), found[-1][0])
 
 
 def _along(camera: Pose, rows: Sequence[Row], of: str) -> Array:
