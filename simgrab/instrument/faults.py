@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 SILENT_S = 30.0  # without an angle
 STOPPED_S = 10.0  # without a reading of the controller
-LATE_S = 1.0  # change of the controller's clock by the display, which is 0 to 1 s late itself
-LENGTHS_S, LEAST_S, BETWEEN_S = 300.0, 60.0, 0.5  # of rope lengths that show the clock
+LATE_S = 1.0  # least change of the controller's clock that is reported
+LENGTHS_S, LEAST_S, BETWEEN_S = 300.0, 60.0, 0.5  # rope lengths that show it: the last, the fewest, and their distance
 # Least jump of a direction, and of it over its standard deviation. Without a knock the greatest were 0.52° and 5.6: in
 # 20 simulated minutes of the scene work-cycles and 6 of alarm-cycles, seen with 1.3 px of noise.
 KNOCK, KNOCK_SD = np.radians(0.7), 6.0
@@ -71,8 +71,9 @@ class FaultWatch:
         self._swing = Forecaster()
         self._moved: Forecaster | None = None  # after a jump, as if the camera had been knocked
         self._jump, self._seen = np.zeros(2), list[bool]()
+        self._shown = deque[tuple[float, float]](maxlen=int(LENGTHS_S / BETWEEN_S))
         self._lengths = deque[tuple[float, float, float]](maxlen=int(LENGTHS_S / BETWEEN_S))
-        self._clock_s, self._compared = 0.0, -np.inf
+        self._clock_s, self._compared, self._asked, self._unlike = 0.0, -np.inf, -np.inf, False
         self.since = 0.0
 
     def found(self, time_s: float) -> tuple[Fault, ...]:
@@ -124,20 +125,28 @@ class FaultWatch:
 
     def clock(self, now: float, controller: Controller, display: float) -> None:
         """Watch whether the controller's rope length follows the display's, m and NaN where there is none, in time."""
-        if controller.rope is None or (self._lengths and now < self._lengths[-1][0] + BETWEEN_S):
+        if controller.rope is None or now < self._asked + BETWEEN_S:
             return
-        self._lengths.append((now, float(controller.rope_at(np.array([now]))[0]), display))
-        if now < max(self._lengths[0][0] + LEAST_S, self._compared + STOPPED_S):
+        self._asked = now
+        self._shown.append((now, display))
+        read = replace(controller, hold_s=0.0)
+        while self._shown and self._shown[0][0] <= controller.time[-1]:  # the age of a reading is no late clock
+            at, shown_m = self._shown.popleft()
+            self._lengths.append((at, float(read.rope_at(np.array([at]))[0]), shown_m))
+        if not self._lengths or now < max(self._lengths[0][0] + LEAST_S, self._compared + STOPPED_S):
             return
         self._compared = now
         time, own, shown = np.array(self._lengths).T
         try:
-            alone = replace(controller, time=time, slew=None, radius=None, rope=own, wind=None, hold_s=0.0)
+            alone = replace(read, time=time, slew=None, radius=None, rope=own, wind=None)
             found = clock_offset(alone, time, shown)
         except RecordError as problem:
             self._lengths.clear()
-            self._found.append(("controller", str(problem)))
+            if not self._unlike:
+                self._found.append(("controller", str(problem)))
+            self._unlike = True
             return
+        self._unlike = False
         low, high = found.interval_s
         if abs(found.offset_s - self._clock_s) > LATE_S and (low > self._clock_s or high < self._clock_s):
             self._clock_s = found.offset_s

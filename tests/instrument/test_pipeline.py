@@ -295,6 +295,23 @@ def test_a_live_record_reports_a_controllers_clock_that_is_off_the_displays(cran
         assert (side == "behind") == (late_s > 0)
 
 
+@pytest.mark.parametrize(("every_s", "factor", "faults"), [(4.0, 1.0, 0), (4.0, 3.28, 1)])
+def test_a_controller_that_writes_seldom_is_on_time_and_one_in_feet_is_reported_once(crane, every_s, factor, faults):
+    said = Scripted(seen := crane.observations(1.0)[:1800])
+    data = Controller(crane.time - 0.5, None, None, factor * crane.rope, 0.0, 0.0, 0.003, 5.0)
+
+    class Feed:
+        states_rope, states_motion, problem, news = True, False, "", ""
+
+        def poll(self, now):
+            some = (data.time <= now // every_s * every_s) & (data.time > now - 20)
+            readings = dataclasses.replace(data, time=data.time[some], rope=data.rope[some], hold_s=5.0)
+            return readings if some.sum() > 1 else None
+
+    live = Pipeline(said, said, feed=Feed()).live(frames_of(seen), crane.calibration)
+    assert len([fault for one in live for fault in one.faults if fault.kind == "controller"]) == faults
+
+
 def test_an_estimator_of_another_kind_is_refused():
     class Upright:
         def estimate(self, pixels, calibration, *, rope_length, time): ...

@@ -25,7 +25,7 @@ from simgrab.model.records.estimates import Estimate
 Meta = msgspec.Meta
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
 LEVEL = 0.95
-WEAK_PRIOR_OFFSET = "weak_prior_offset_m"  # among diagnostics
+WEAK_PRIOR_OFFSET, WEAK_PRIOR_IF_FIXED = "weak_prior_offset_m", "weak_prior_offset_if_fixed_m"  # diagnostics
 FAR, FAR_IF_FIXED = 2.0, 3.0  # standard deviations
 LEAST_OFFSET_SD_M = 0.05  # with which a stated offset is tested: a stronger prior hides what frames show of it
 
@@ -166,6 +166,14 @@ def follow(
     seen = np.isfinite(uv[0]).all(axis=-1)
     some = seen[:, None]
     return np.where(seen, alpha[0], np.nan), np.where(some, ends, np.nan), np.where(some, across[0].T, np.nan)
+
+
+def tested_offsets(estimate: Estimate) -> tuple[Array | None, Array | None]:
+    """Offset of an estimate for `far_offset`, m, and the one if the camera does not move with the jib."""
+    shown = estimate.diagnostics
+    if WEAK_PRIOR_OFFSET in shown:
+        return shown[WEAK_PRIOR_OFFSET], shown[WEAK_PRIOR_IF_FIXED]
+    return estimate.offset, shown.get("offset_if_fixed_m")
 
 
 def far_offset(

@@ -16,7 +16,7 @@ from simgrab.instrument import alarm
 from simgrab.instrument.controller import ClockOffset, in_words
 from simgrab.instrument.controller_file import read_controller
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator, PendulumSmoother, RopeAware
-from simgrab.instrument.estimate.follow import WEAK_PRIOR_OFFSET, far_offset
+from simgrab.instrument.estimate.follow import far_offset, tested_offsets
 from simgrab.instrument.estimate.inertial.readings import read_imu
 from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.estimate.record import PixelRecord
@@ -158,8 +158,8 @@ def measure(
     record, found, why = solve(record, calibration, kind, controller)
     warnings = () if kind.needs_rope else _of_offset(estimator, record, calibration)
     by_motion = getattr(kind, "controller", None) is not None and not kind.needs_imu
-    offset, fixed = (found.diagnostics.get(name) for name in (WEAK_PRIOR_OFFSET, "offset_if_fixed_m"))
-    far = far_offset(found.offset if offset is None else offset, calibration, by_motion=by_motion, fixed=fixed)
+    offset, fixed = tested_offsets(found)
+    far = far_offset(offset, calibration, by_motion=by_motion, fixed=fixed)
     late = found.diagnostics.get("clock_s") if by_motion else None
     notes: tuple[str, ...] = ()
     if controller is not None and clock is not None:

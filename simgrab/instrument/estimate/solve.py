@@ -12,7 +12,7 @@ from simgrab.errors import RecordError
 from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.estimate.contract import Estimator
 from simgrab.instrument.estimate.doubts import doubt
-from simgrab.instrument.estimate.follow import LEAST_OFFSET_SD_M, WEAK_PRIOR_OFFSET
+from simgrab.instrument.estimate.follow import LEAST_OFFSET_SD_M, WEAK_PRIOR_IF_FIXED, WEAK_PRIOR_OFFSET
 from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -110,14 +110,13 @@ def with_weak_prior(
     found: Estimate, record: PixelRecord, estimator: Estimator, calibration: Calibration, until_s: float | None = None
 ) -> Estimate:
     """Add the offset as a record shows it, for `far_offset`, where the calibration's prior would hide it."""
-    if found.offset is None or calibration.offset_sd_m >= LEAST_OFFSET_SD_M:
+    if not found.ok or found.offset is None or calibration.offset_sd_m >= LEAST_OFFSET_SD_M:
         return found
     weak = record.estimate(estimator, msgspec.structs.replace(calibration, offset_sd_m=LEAST_OFFSET_SD_M), until_s)
     if weak.offset is None:
         return found
-    shown = {WEAK_PRIOR_OFFSET: weak.offset}
-    fixed = {name: value for name, value in weak.diagnostics.items() if name == "offset_if_fixed_m"}
-    return replace(found, diagnostics={**found.diagnostics, **fixed, **shown})
+    shown = {WEAK_PRIOR_OFFSET: weak.offset, WEAK_PRIOR_IF_FIXED: weak.diagnostics.get("offset_if_fixed_m")}
+    return replace(found, diagnostics={**found.diagnostics, **shown})
 
 
 def stated_ends(estimate: Estimate) -> Array:

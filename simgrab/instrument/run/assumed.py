@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from simgrab.instrument.contract import Instrument, Measurement
-from simgrab.instrument.estimate.follow import Known, far_offset
+from simgrab.instrument.estimate.follow import Known, far_offset, tested_offsets
 from simgrab.instrument.estimate.solve import in_wind, stated_ends
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
@@ -74,7 +74,7 @@ def assumptions(
     elif outside:
         parts.append(f"errors of these are not in them: {', '.join(outside)}")
     by_motion = moving(used) and not (used is not None and used.needs_imu)
-    fixed = None if record is None or record.estimate is None else record.estimate.diagnostics.get("offset_if_fixed_m")
+    fixed = None if record is None or record.estimate is None else tested_offsets(record.estimate)[1]
     offset_m = None if tilt is None else tilt.weak_prior_offset_m or tilt.offset_m
     far = far_offset(offset_m, camera, by_motion=by_motion, fixed=fixed)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
