@@ -10,7 +10,7 @@ from simgrab.errors import DetectorError
 from simgrab.instrument import detect
 from simgrab.instrument.detect import WEIGHTS, GrabDetector, Yolo, detector
 from simgrab.instrument.detect.boxes import covered, iou
-from simgrab.instrument.detect.grab import POSE, Settings, peaks, read
+from simgrab.instrument.detect.grab import POSE, Settings, mean, peaks, read
 from simgrab.instrument.detect.patches import GREY, Patch, around, cut, cut_crop, whole
 from simgrab.instrument.net import KEY, open_net
 
@@ -128,6 +128,18 @@ def test_the_detector_combines_its_nets(tmp_path):
     np.testing.assert_allclose(found.centre_sd_px, 2 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
     assert found.yaw_sd == pytest.approx(1.5 * np.sqrt(2) * np.exp(-3) / 2)
     assert GrabDetector(tmp_path).settings == Settings(least_heat=0.2)
+
+
+def test_a_crop_and_its_mirror_image_that_contradict_each_other_are_unsure(tmp_path):
+    """This net gives every crop the same yaw, so that of the mirror image is a quarter turn off."""
+    assert detector(hand_made(tmp_path, yaw=np.pi / 4))(bright()).yaw is None
+    one, other = np.zeros(16), np.zeros(16)
+    one[6:12] = other[6:12] = np.log(0.01)
+    one[12] = other[12] = 1.0
+    other[4] = 0.1
+    poses = read(mean(one, other)[None], [Patch(0, 0, 100, 100)], 100, 100)
+    np.testing.assert_allclose(poses.centres, [[5, 0]])
+    np.testing.assert_allclose(poses.centre_sd, [[np.sqrt(2) * (1 + 5), np.sqrt(2) * 1]], rtol=1e-6)
 
 
 def test_the_mirror_image_of_a_picture_gives_the_mirror_image_of_the_pose():

@@ -3,8 +3,8 @@
 The coarse net proposes boxes in the shrunken picture. The pose net gets a crop of the whole picture around each of the
 best few, with its surroundings, until one is clearly the grab, and predicts whether it is, its box, centre and yaw, and
 how sure each is. Of the best one it gets a closer crop too, in which a pixel of the picture is larger, as it is and
-mirrored, and the mean of both outputs is what counts. The presence is a logistic regression on the scores of both nets:
-the coarse one's heat, and the closer crop's.
+mirrored, and the mean of both outputs counts, the less sure the more they differ. The presence is a logistic regression
+on the scores of both nets: the coarse one's heat, and the closer crop's.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ _MAPS: Shapes = (_MAP, (4, *_MAP))
 _ROWS: Shapes = ((16,),)
 _LEAST_SIDE = 8.0  # px of the picture, of a box
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
+_TINY = 1e-9
 MOST_YAW_SD = math.pi / 2 / 1.96  # beyond it the interval of 95 % is a quarter turn each way: every direction
 
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
@@ -247,7 +248,7 @@ class GrabDetector:
         crop = cut_crop(picture, patch, POSE_SIZE)
         out = _run(self._pose, np.stack([crop, mirror(crop)]) if mirrored else crop[None], _ROWS)[0]
         if mirrored:
-            out = np.mean([out[0], mirrored_back(out[1])], axis=0)[None]
+            out = mean(out[0], mirrored_back(out[1]))[None]
         return read(out, [patch], picture.shape[1], picture.shape[0])
 
 
@@ -283,6 +284,17 @@ def mirrored_back(out: NDArray[np.floating]) -> NDArray[np.floating]:
     x0, y0, x1, y1, u, v = out[:6]
     places = [1 - x1, y0, 1 - x0, y1, 1 - u, v]
     return np.array([*places, *out[[8, 7, 6, 9, 10, 11, 12]], -out[13], *out[14:]])  # a yaw φ is π − φ there
+
+
+def mean(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Mean of two outputs of the pose net (16,) for the same crop: what they differ by widens their scales."""
+    result = (one + other) / 2
+    result[6:12] = np.logaddexp(result[6:12], np.log(np.abs(one - other)[:6] / 2 + _TINY))
+    units = [out[12:14] / max(float(np.linalg.norm(out[12:14])), _TINY) for out in (one, other)]
+    result[12:14] = np.mean(units, axis=0)
+    apart = np.arccos(np.clip(units[0] @ units[1], -1, 1))
+    result[14] = np.logaddexp(result[14], np.log(apart / 2 + _TINY))
+    return result
 
 
 def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: int) -> Poses:

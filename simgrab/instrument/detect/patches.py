@@ -108,7 +108,7 @@ def cut_crop(picture: Picture, patch: Patch, size: int) -> Picture:
 
 
 def mirror(crop: Picture) -> Picture:
-    """Mirror a crop of `cut_crop` left to right: as if the picture were."""
+    """Mirror a crop of `cut_crop` left to right, as if the whole picture were mirrored."""
     result = crop[:, ::-1].copy()
     result[..., 4] = np.minimum(256 - result[..., 4].astype(int), 255)  # `as_bytes` of the opposite place
     return result
