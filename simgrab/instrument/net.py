@@ -134,8 +134,8 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
     onnx_parts.check(content, lambda problem: refuse(f"{path} {problem}"))
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    # Threads that spin between nets take the cores from OpenCV's.
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    # Threads that spin after a run take the cores from OpenCV's.
+    options.add_session_config_entry("session.force_spinning_stop", "1")
     options.add_session_config_entry("session.load_model_format", "ONNX")
     options.add_session_config_entry("session.use_env_allocators", "1")
     options.log_severity_level = _FATAL
