@@ -246,7 +246,7 @@ class GrabDetector:
         """
         patch = around(_sound(box), room)
         crop = cut_crop(picture, patch, POSE_SIZE)
-        out = _run(self._pose, np.stack([crop, mirror(crop)]) if mirrored else crop[None], _ROWS)[0]
+        out = _sane(_run(self._pose, np.stack([crop, mirror(crop)]) if mirrored else crop[None], _ROWS)[0])
         if mirrored:
             out = mean(out[0], mirrored_back(out[1]))[None]
         return read(out, [patch], picture.shape[1], picture.shape[0])
@@ -279,16 +279,16 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
     return result
 
 
-def mirrored_back(out: NDArray[np.floating]) -> NDArray[np.floating]:
+def mirrored_back(out: Array) -> Array:
     """Output of the pose net (16,) for a crop, from that for its mirror image."""
     x0, y0, x1, y1, u, v = out[:6]
     places = [1 - x1, y0, 1 - x0, y1, 1 - u, v]
     return np.array([*places, *out[[8, 7, 6, 9, 10, 11, 12]], -out[13], *out[14:]])  # a yaw φ is π − φ there
 
 
-def mean(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.floating]:
+def mean(one: Array, other: Array) -> Array:
     """Mean of two outputs of the pose net (16,) for the same crop: what they differ by widens their scales."""
-    result = (one + other) / 2
+    result: Array = (one + other) / 2
     result[6:12] = np.logaddexp(result[6:12], np.log(np.abs(one - other)[:6] / 2 + _TINY))
     units = [out[12:14] / max(float(np.linalg.norm(out[12:14])), _TINY) for out in (one, other)]
     result[12:14] = np.mean(units, axis=0)
@@ -299,8 +299,7 @@ def mean(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.f
 
 def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: int) -> Poses:
     """Read the pose net's output (n, 16) on patches of a picture of this size."""
-    o = _bounded(out.astype(float), 0.0)
-    o[~np.isfinite(out).all(axis=1), 15] = -_LIMIT
+    o = _sane(out)
     corner, extent = np.stack([p.corner for p in patches]), np.stack([p.size for p in patches])
     places = corner[:, None] + o[:, :6].reshape(-1, 3, 2) * extent[:, None]
     boxes = np.clip(places[:, :2], 0, [width, height])
@@ -311,6 +310,13 @@ def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: in
         yaw=np.arctan2(o[:, 13], o[:, 12]) / 2 % np.pi, yaw_sd=math.sqrt(2) * np.exp(o[:, 14]) / 2,
         presence=o[:, 15],
     )  # fmt: skip
+
+
+def _sane(out: NDArray[np.floating]) -> Array:
+    """Bound the pose net's outputs (n, 16); where one is NaN or infinite, no grab is present."""
+    result = _bounded(out.astype(float), 0.0)
+    result[~np.isfinite(out).all(axis=1), 15] = -_LIMIT
+    return result
 
 
 def _logistic(logit: float) -> float:
