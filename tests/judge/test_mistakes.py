@@ -146,6 +146,22 @@ def test_an_offset_that_is_wrong_otherwise_is_named(follows, used, rope_known, t
     assert likely(measured, true, rows, None, rope_known=rope_known).text == f"The angles are as {text}"
 
 
+def test_an_offset_on_ropes_of_similar_lengths_is_named():
+    changes = {"camera.offset_x_m": 0.4, "camera.offset_y_m": 0.7, "frames": FRAMES}
+    rope = {"dist": "uniform", "low": 9.0, "high": 13.4}
+    rows, true = rows_of(scenes.load("quay-day", changes | {"swing.rope_length_m": rope}))
+    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
+    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.05), len(true))
+    text = likely(leaning(rows, [0, -0.25] / length) + noise, true, rows, None).text
+    assert re.search(r"offset of \(0\.(39|40|41), 0\.4\d\) m in place of \(0\.40, 0\.70\) m$", text)
+
+
+def test_on_a_rope_of_constant_length_any_offset_and_a_tilt_are_named_together():
+    rows, true = rows_of(scenes.load("free-swing", {"camera.offset_x_m": 0.4, "camera.offset_y_m": 0.7, "frames": 192}))
+    text = likely(leaning(rows, np.array([0.1, -0.25]) / 18), true, rows, None).text
+    assert re.search(r"tilt that is 0\.8\d° wrong, or with a horizontal camera offset of \(0\.50, 0\.45\) m", text)
+
+
 def test_an_offset_that_differs_between_frames_is_named():
     changes = {"vary": {"camera.offset_y_m": {"dist": "choice", "values": [-0.9, -0.7, 0.7, 0.9]}}, "frames": FRAMES}
     rows, true = rows_of(scenes.load("quay-day", changes | {"camera.offset_x_m": 0.1, "clip.clip_frames": 1}))

@@ -106,8 +106,8 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row], *, rope_know
     shift = _of_offset(fits, offset, 1 / np.linalg.norm(grab, axis=1, keepdims=True), rope_known=rope_known)
     found = [tilt, focal, shift]
     if max(shift.rms, tilt.rms) < CLEARLY * min(shift.rms, tilt.rms):  # as on a rope of constant length
-        either = shift.text and not shift.any_offset
-        found = [tilt._replace(text=f"{shift.text}, or {tilt.text}" if either else tilt.text), focal]
+        alike = (tilt, shift) if shift.any_offset else (shift, tilt)
+        found = [tilt._replace(text=", or ".join(one.text for one in alike if one.text)), focal]
     bent, straight = (_along(camera, rows, of) for of in ("grab", "ideal"))
     if np.isfinite(bent).all() and np.abs(bent - straight).max() > NOTHING:
         found.append(fits.factor(straight - bent, _applied("the lens's distortion")))
@@ -178,7 +178,7 @@ class _Fits:
         if np.linalg.norm(x[k:]) > 2 * np.sqrt(np.mean(np.sum(by(x[:k]) ** 2, axis=1))):
             beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[k:])}", left, k + 2, of_tilt=True)
         far = len(self.swing) >= ENOUGH and beside.rms < self.tilt.rms / CLEARLY**2
-        return beside if beside.text and far and beside.rms < alone.rms else alone
+        return beside if beside.text and far and AS_GOOD * beside.rms < alone.rms else alone
 
 
 def _applied(what: str) -> Callable[[float], str]:
@@ -225,9 +225,10 @@ def _of_offset(fits: _Fits, offset: Array, per_m: Array, *, rope_known: bool) ->
     found = [(applied, CLEARLY), *zip(usual, (CLEARLY, AS_GOOD), strict=True)]
     if np.ptp(offset, axis=0).max() < SAME_M:
         least = fits.explain(lambda x: x * per_m, np.full(2, 1e-3), np.zeros(2), other)
-        found.append((least._replace(any_offset=True), 1.0))
+        found.append((least._replace(any_offset=True), AS_GOOD))
     best = min(one.rms for one, _ in found)
-    return next((one for one, most in found if one.text and one.rms <= most * best), found[-1][0])
+    fitting = [one for one, most in found if one.text and one.rms <= most * best]
+    return min(fitting, key=lambda one: one.fitted, default=found[-1][0])  # a tilt beside an offset explains much
 
 
 def _along(camera: Pose, rows: Sequence[Row], of: str) -> Array:
