@@ -246,9 +246,10 @@ class GrabDetector:
         """
         patch = around(_sound(box), room)
         crop = cut_crop(picture, patch, POSE_SIZE)
-        out = _sane(_run(self._pose, np.stack([crop, mirror(crop)]) if mirrored else crop[None], _ROWS)[0])
+        out = _run(self._pose, np.stack([crop, mirror(crop)]) if mirrored else crop[None], _ROWS)[0]
         if mirrored:
-            out = mean(out[0], mirrored_back(out[1]))[None]
+            one, other = _sane(out)
+            out = mean(one, mirrored_back(other))[None]
         return read(out, [patch], picture.shape[1], picture.shape[0])
 
 

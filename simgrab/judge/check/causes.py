@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from simgrab.instrument.run.runs import Run, reasons
-from simgrab.judge.check.mistakes import likely, of_rope
+from simgrab.judge.check.mistakes import Mistake, likely, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
 from simgrab.judge.evaluate.budget import of_centres, of_tilt, with_lengths
 from simgrab.judge.evaluate.swings import angles
@@ -54,7 +54,9 @@ def causes(
     if any(what.startswith("detection.centre") for what in failed) and trial.centres:
         worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
         yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
-    lengths = list(_of_lengths(run, trial.known, meets))
+    read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+    wrong = of_rope(read, trial.known.rope_length, run.time)
+    lengths = [] if wrong is None else list(_of_lengths(wrong, run, trial.known, meets))
     yield from lengths
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
@@ -62,8 +64,7 @@ def causes(
     if both.any():
         measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
         moves = measured.std() >= swing.std() / STILL
-        read = _lengths(run)
-        given = bool(np.isfinite(read).any()) and of_rope(read, trial.known.rope_length, run.time) is None
+        given = bool(np.isfinite(read).any()) and wrong is None
         mistake = None
         if moves and not lengths:
             mistake = likely(run.alpha, true, trial.known.rows, run.time, rope_known=given)
@@ -78,16 +79,8 @@ def causes(
         yield from _of_stages(trial, run, trial.known, _rms(measured - swing), float(swing.std()), compared=compared)
 
 
-def _lengths(run: Run) -> Array:
-    return np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
-
-
-def _of_lengths(run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:
+def _of_lengths(mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:
     """Name a factor or constant of rope lengths without which their figures, or those of the angle, would pass."""
-    read = _lengths(run)
-    mistake = of_rope(read, known.rope_length, run.time)
-    if mistake is None:
-        return
     off = np.abs(mistake.left[np.isfinite(mistake.left)])
     figures = {"median_m": np.median(off), "p95_m": np.quantile(off, 0.95), "max_m": off.max()}
     rests = meets({f"reading.length.{name}": float(value) for name, value in figures.items()})

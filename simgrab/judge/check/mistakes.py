@@ -202,9 +202,7 @@ def _of_offset(fits: _Fits, offset: Array, per_m: Array, *, rope_known: bool) ->
     mean = np.round(offset.mean(axis=0), 6) + 0.0  # no -0.00
     across = np.linalg.norm(offset, axis=1).mean()
 
-    def share(
-        factor: float,
-    ) -> str:  # of a rope that is taken to be too long, the camera seems to be nearer to the exit
+    def share(factor: float) -> str:  # on ropes taken to be too long, the camera seems to be nearer to the exit
         if not 1 / 5 < factor < 5:
             return ""
         ropes = "" if rope_known else f"with rope lengths that are {1 / factor:.3g} times the true ones, or "
