@@ -104,6 +104,7 @@ def test_of_sensor_and_lens_the_focal_length_is_their_ratio(tmp_path):
 def test_a_camera_beside_the_jib_head_varies_without_touching_it(offset, around, tmp_path):
     scene, out = new(tmp_path / "port.toml", "--offset", offset)
     assert f"{around:g} m of the offset" in out
+    assert "a rope hangs" not in out
     if not around:
         assert not any("offset" in key for key in scene.vary)
         return
@@ -111,6 +112,11 @@ def test_a_camera_beside_the_jib_head_varies_without_touching_it(offset, around,
     assert np.ptp(ends, axis=1) == pytest.approx(np.full(3, 2 * around))
     for place in itertools.product(*ends):
         check_camera(np.array(place), jib_steel(Ropes.of(scene.jib, 4)))
+
+
+def test_a_rope_that_is_near_the_lens_is_stated(tmp_path):
+    _, out = new(tmp_path / "port.toml", "--offset=-0.15,-0.55,-0.2")
+    assert "a rope hangs 0.06 m from the lens" in out
 
 
 @pytest.mark.parametrize("grab", [*GRABS, "drum.glb"])

@@ -38,6 +38,7 @@ FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S, DIG_S = 75, 25
 MOST_AROUND_M = 0.1  # how far each component of the offset may be off
+NEAR_ROPE_M = 0.2  # a rope that is nearer to the lens hides much of the view
 SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may take
 # By option: the question, and what stands for an answer.
 ASKED = {
@@ -360,8 +361,11 @@ def _tolerances(facts: Mapping[str, tuple[float, float, float, float]]) -> str:
     return "\n".join(lines)
 
 
-def _around(offset: tuple[float, ...]) -> float:
-    """How far each component of the camera's offset may be off, m, without the camera being in the jib head's steel."""
+def _around(answers: _Answers, offset: tuple[float, ...]) -> float:
+    """How far each component of the camera's offset may be off, m, without the camera being in the jib head's steel.
+
+    States a rope that is near the lens.
+    """
     import numpy as np
 
     from simgrab.model.scenario import Jib
@@ -369,11 +373,17 @@ def _around(offset: tuple[float, ...]) -> float:
     from simgrab.world.scenery.meshes.jib import jib_steel
     from simgrab.world.scenery.meshes.ropes import Ropes
 
-    room = room_m(np.array(offset), jib_steel(Ropes.of(Jib(), 4))) - LEAST_ROOM_M
+    ropes = Ropes.of(Jib(), 4)
+    room = room_m(np.array(offset), jib_steel(ropes)) - LEAST_ROOM_M
     if room < 0:
         at = ",".join(f"{value:g}" for value in offset)
         raise _refusal(
             "offset", f"{at} is in the jib head's steel or less than {LEAST_ROOM_M:g} m from it; 0,0.6,-0.3 is not"
+        )
+    apart = min(math.dist(offset[:2], place[:2]) for place in ropes.exits) - ropes.radius_m
+    if apart < NEAR_ROPE_M:
+        answers.assumed.append(
+            f"--offset: a rope hangs {max(apart, 0):.2f} m from the lens, and hides much of the view"
         )
     return min(MOST_AROUND_M, math.floor(100 * room / math.sqrt(3)) / 100)
 
@@ -385,7 +395,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     optics, width, height, f_px, (k1, k2, k3) = _optics(answers)
     (rate,) = answers.get("rate", _numbers(0.1, 120))
     x, y, z = offset = answers.get("offset", _numbers(-3, 3, 3))
-    around = _around(offset)
+    around = _around(answers, offset)
     (tilt,) = answers.get("tilt", _numbers(0, 28))
     (head,) = answers.get("height", _numbers(22, 35))
     short, long = answers.get("ropes", _numbers(6, 45, 2))
