@@ -108,7 +108,7 @@ def _of_section_4_4(study: PaperStudy) -> list[TableRow]:
         result.append(
             TableRow(
                 "4.4",
-                f"RMSE of β̂ at n = {n} (deg)",
+                f"RMSE of β̂ at n = {n} (deg, ± standard error)",
                 "box plot only",
                 spread.beta_deg,
                 f"axis estimated {np.rad2deg(study.estimated[n].beta.rms):.4f}; geometric median "

@@ -33,6 +33,15 @@ _PITCH_PER_M = 2 * DEG  # of a camera bolted to the fly-jib that luffs
 _OF_SWING = {"law", "sigma", "kappa", "towards", "axial", "flatness", "unevenness", "lean", "correlation", "memory_s",
              "rope_m"}  # fmt: skip
 _OF_CAMERA = {"luffing", "levelling", "tremble"}
+# A pendulum of 20 m swings only if it is damped less: critically at √(L/g).
+_LEAST_MEMORY_S = 1.5
+EXCLUSIVE = (
+    {"memory", "ar1", "alpha-law", "alpha-student", "alpha-bursts"},
+    {"memory", "ar1", "gamma-towards", "gamma-across", "gamma-axial"},
+    {"memory", "gamma-alpha"},
+    {"rope", "rope-range"},
+)
+"""Axes of which only one has an effect at a point."""
 
 Change = Callable[[Situation, Any], dict[str, Any]]
 
@@ -95,6 +104,12 @@ def _law(_: Situation, name: Value) -> dict[str, Any]:
     if name not in LAWS:
         raise StressError(f"alpha-law: unknown distribution {name!r}; one of: {', '.join(LAWS)}")
     return {"law": LAWS[str(name)]}
+
+
+def _memory(_: Situation, value: float) -> dict[str, Any]:
+    if 0 < value < _LEAST_MEMORY_S:
+        raise StressError(f"memory: must be 0, or {_LEAST_MEMORY_S:g} or more: damped more, a pendulum does not swing")
+    return {"memory_s": value}
 
 
 def _motion(_: Situation, name: Value) -> dict[str, Any]:
@@ -172,7 +187,7 @@ _ALL = (
     _field("gamma-alpha", "", "swing towards the tilt is larger: α grows with 1 + c·cosγ", "unevenness", -1, 1),
     Axis("ar1", "", "correlation of successive frames, half-normal α", 0.0,
          lambda _, v: {"law": laws.of(HalfNormal()), "correlation": v}, 0, 0.9999),
-    _field("memory", "s", "decay time (1/e) of a forced pendulum's swing", "memory_s", 0),
+    Axis("memory", "s", "decay time (1/e) of a forced pendulum's swing, Rayleigh-distributed α", 0.0, _memory, 0),
     Axis("motion", "", "motion of the grab: simulated physics in place of independent frames", "independent", _motion),
     Axis("lean-along", "deg", "mean lean of the rope along the tilt", 0.0, _leaning(0, lambda v: v * DEG)),
     Axis("lean-across", "deg", "mean lean of the rope across the tilt", 0.0, _leaning(1, lambda v: v * DEG)),
@@ -205,7 +220,7 @@ _ALL = (
     _field("noise", "px", "Gaussian noise of each pixel coordinate", "noise_px", 0),
     _field("noise-heavy", "px", "noise of Student's t with 3 degrees of freedom", "heavy_px", 0),
     _field("noise-slow", "px", "noise with a correlation time of 10 s", "slow_px", 0),
-    _field("outliers", "", "share of frames with a false detection in place of the grab", "outliers", 0, 1),
+    _field("outliers", "", "share of frames with a false detection, uniform over the picture", "outliers", 0, 1),
     _field("box-centre", "", "from the grab's centre (0) to the centre of its box (1)", "box_centre", 0, 1),
     _field("missing", "", "share of frames without a detection", "missing", 0, 1),
     _field("missing-far", "", "share missed at α = 10°, the hazard growing with α", "missing_far", 0, 0.999),

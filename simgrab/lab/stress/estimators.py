@@ -89,7 +89,7 @@ def checked(name: str, made: object) -> Estimating:
 def run(name: str, records: Records, own: Mapping[str, Estimating] | None = None) -> Estimates:
     """Estimate from every record, in a batch where the estimator has one; ``own`` are estimators besides `find`'s."""
     estimator = own[name] if own and name in own else find(name)
-    pixels, ropes = _known(estimator, records)
+    pixels, ropes = (_unchangeable(values) for values in _known(estimator, records))
     options: dict[str, Any] = {"rope_length": ropes, "time": records.time}
     if isinstance(estimator, Estimator):
         options["pixel_sd"] = records.pixel_sd
@@ -108,6 +108,13 @@ def run(name: str, records: Records, own: Mapping[str, Estimating] | None = None
     return stacked(name, each, records.alpha.shape[1])
 
 
+def _unchangeable(values: Array) -> Array:
+    """View values that are the next estimator's too, and may not be written to."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
 def flaw(estimate: Any, frames: int) -> str:
     """Describe what is wrong with what an estimator returned for a record of so many frames; empty where nothing is."""
     if not isinstance(estimate, Estimate):
@@ -119,6 +126,8 @@ def flaw(estimate: Any, frames: int) -> str:
     shape = np.asarray(estimate.alpha, float).shape
     if shape != (frames,):
         return f"alpha must have one value for each of {frames} frames, got the shape {shape}"
+    if np.isnan(np.asarray(estimate.alpha, float)).all():
+        return "alpha is NaN in every frame; leave frames out whose pixels are NaN, or refuse the record"
     for key, value in (("beta", estimate.beta), ("sigma", estimate.sigma), ("alpha", estimate.alpha)):
         sizes = np.abs(np.asarray(value, float))
         largest = np.max(sizes, where=np.isfinite(sizes), initial=0.0)

@@ -12,7 +12,7 @@ import msgspec
 
 from simgrab.errors import SimgrabError, StressError
 from simgrab.lab.stress import situation as situations
-from simgrab.lab.stress.axes import AXES, Axis, Value
+from simgrab.lab.stress.axes import AXES, EXCLUSIVE, Axis, Value
 from simgrab.lab.stress.situation import Situation
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
@@ -165,9 +165,13 @@ def _situation(base: str, settings: tuple[tuple[str, Value], ...]) -> Situation:
         axis = axis_of(name)
         if not axis.key:
             result = axis.apply(result, value)
-    for name, value in settings:
-        if value != (axis := axis_of(name)).holds and (by := axis.overridden(result, value)):
+    turned_up = [(name, value) for name, value in settings if value != axis_of(name).holds]
+    for name, value in turned_up:
+        if by := axis_of(name).overridden(result, value):
             raise StressError(f"{name}: has no effect, because {by}")
+    for group in EXCLUSIVE:
+        if len(names := [name for name, _ in turned_up if name in group]) > 1:
+            raise StressError(f"{names[0]}: only one of {' and '.join(names)} has an effect: leave the others out")
     return result
 
 

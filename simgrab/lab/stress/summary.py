@@ -155,7 +155,8 @@ def _consistent(summary: StudySummary, name: str) -> Iterator[LimitVerdict]:
         slack = BIAS_ERRORS * math.sqrt(0.95 * 0.05 / max(f.count, 1)) if f.count < COUNT_FOR_COVERAGE else 0.0
         text = f"{name}: 95 % interval of {column.removeprefix('cover_')} covers 93 to 97 % where the assumption holds"
         passed = COVERAGE[0] - slack <= f.mean <= COVERAGE[1] + slack
-        yield LimitVerdict(study.name, text, f"{100 * f.mean:.1f} ± {100 * f.mean_se:.1f} %", bool(passed))
+        found = f"{100 * f.mean:.1f} ± {100 * f.mean_se:.1f} %" if f.count else "no interval in any replication"
+        yield LimitVerdict(study.name, text, found, bool(passed))
 
 
 @dataclass(frozen=True)

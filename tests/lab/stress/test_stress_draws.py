@@ -190,6 +190,26 @@ def test_what_physics_overrides_is_refused(over, axes):
     assert situation(small("planted", n=10, given=kept), (0.0,)).tremble > 0
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"memory": 5.0, "ar1": 0.9}, {"memory": 5.0, "alpha-law": "bursts"}, {"ar1": 0.9, "gamma-axial": 1.0},
+        {"alpha-student": 0.2, "alpha-law": "rayleigh"}, {"gamma-towards": 1.0, "gamma-across": 1.0},
+        {"memory": 5.0, "gamma-alpha": 0.5}, {"rope": 20.0, "rope-range": 4.0},
+    ],
+)  # fmt: skip
+def test_of_axes_that_draw_the_same_only_one_is_turned_up(given):
+    with pytest.raises(StressError, match=f"only one of {' and '.join(given)} has an effect"):
+        situation(small("planted", n=10, given=given), (0.0,))
+    first, *_ = given
+    assert situation(small("planted", n=10, given={first: given[first]}), (0.0,))
+
+
+def test_a_pendulum_is_not_damped_beyond_swinging():
+    with pytest.raises(StressError, match=r"memory: must be 0, or 1\.5 or more"):
+        situation(small("planted", n=10, given={"memory": 1.0}), (0.0,))
+
+
 @pytest.mark.parametrize("name", [name for name in catalogue.of("geometric") if name != "convergence"])
 def test_every_bundled_study_draws_replications(name):
     study = msgspec.structs.replace(catalogue.load(name), n=10)

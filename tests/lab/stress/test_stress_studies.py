@@ -19,7 +19,7 @@ from simgrab.lab.stress import catalogue, estimators, geometric
 from simgrab.lab.stress.catalogue import STUDIES
 from simgrab.lab.stress.laboratory import outcome
 from simgrab.lab.stress.study import Study, Sweep, quickened, situation
-from simgrab.lab.stress.summary import LimitVerdict, StudyResult
+from simgrab.lab.stress.summary import LimitVerdict, StudyResult, judge
 from simgrab.model.records.estimates import Estimate, Intervals
 
 GOOD = tomllib.loads((STUDIES / "focal.toml").read_text(encoding="utf-8"))
@@ -172,6 +172,29 @@ def test_an_estimator_that_fails_is_named():
         estimators.run(f"{__name__}:Broken", records)
 
 
+class Centred:
+    """Writes into what it is given."""
+
+    def estimate(self, pixels, calibration, *, rope_length=None, time=None):
+        pixels -= 20.0
+        return MeanRay().estimate(pixels, calibration, rope_length=rope_length, time=time)
+
+
+def test_an_estimator_cannot_change_what_the_next_one_is_given():
+    records = geometric.draw(situation(small("noise", n=20), (0.0,)), 0, [0])
+    before = records.pixels.copy()
+    with pytest.raises(StressError, match=r"Centred failed with ValueError: .*read-only"):
+        estimators.run(f"{__name__}:Centred", records)
+    np.testing.assert_array_equal(records.pixels, before)
+
+
+def test_without_intervals_their_coverage_is_not_a_number():
+    name = f"{__name__}:AnglesOnly"
+    study = small("missing", (0.0,), replications=20, estimators=(name,), holds=(0.0,), consistent=(name,), accept=())
+    found = [verdict.found for verdict in judge(summed(study)) if "covers" in verdict.text]
+    assert found == ["no interval in any replication"] * 2
+
+
 def test_own_estimators_are_for_studies_without_pictures():
     with pytest.raises(
         StressError, match=r"at the depth 'rendered', name 'mine' in estimators, as package.module:Class"
@@ -196,6 +219,7 @@ class Wrong:
     [
         ({}, "must return a simgrab.Estimate, got dict"),
         ({"alpha": np.zeros(5)}, r"one value for each of 20 frames, got the shape \(5,\)"),
+        ({"alpha": np.full(20, np.nan)}, "alpha is NaN in every frame"),
         ({"alpha": np.full(20, 5.0)}, "alpha reaches 5 rad, beyond the horizontal; angles are in radians"),
         ({"beta": 3.0}, "beta reaches 3 rad, beyond the horizontal; angles are in radians"),
         ({"status": "fine"}, "status must be 'ok' or 'refused', got 'fine'"),
