@@ -28,9 +28,13 @@ def command(dataset: str, layout: str, out: Path | str, shard_frames: int | None
     and JSON. voc: Pascal VOC's XML. webdataset: tar archives. hf: Parquet for Hugging Face datasets. simgrab: the
     folder that `simgrab render` writes.
     """
+    from simgrab.dataset.datasets import read
     from simgrab.dataset.export import export
+    from simgrab.dataset.yolo import straightened
 
     with bar("exporting", shown=not quiet) as progress:
         export(dataset, out, format=layout, shard_frames=shard_frames, progress=progress)
     if not quiet:
         click.echo(printable(f"written: {out}"))
+        if layout == "yolo-obb" and (line := straightened(read(out))):
+            click.echo(line, err=True)

@@ -54,12 +54,14 @@ def command(
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed, yolo=yolo)
     if video is None:
         out = out or Path("runs") / scenario.name
+    from simgrab.dataset.datasets import read
     from simgrab.dataset.notices import notices
     from simgrab.dataset.pool import automatic
     from simgrab.dataset.render import render
     from simgrab.dataset.shards import frames_of
     from simgrab.dataset.summary import Summary, VideoSummary, doubts
     from simgrab.dataset.video.render import render_video
+    from simgrab.dataset.yolo import straightened
     from simgrab.judge.own_grab import remarks
     from simgrab.model.scenario import Iid
     from simgrab.reports.terminal import stdout, table
@@ -108,8 +110,9 @@ def command(
                 scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, priced=priced,
                 **functions,
             )  # fmt: skip
-    for doubt in () if quiet else doubts(summary):
-        click.echo(doubt, err=True)
+    upright = straightened(read(out)) if scenario.labels.yolo == "obb" and out is not None and not is_url(out) else ""
+    for line in () if quiet else filter(None, [*doubts(summary), upright]):
+        click.echo(line, err=True)
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:

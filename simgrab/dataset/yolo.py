@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +15,9 @@ from simgrab.model import label_arrays as arrays
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row
+
+if TYPE_CHECKING:
+    from simgrab.dataset.datasets import Dataset
 
 Mask = dict[str, Any]
 """The visible grab as COCO's compressed run lengths."""
@@ -57,10 +60,25 @@ def _polygon(row: Row, box: Array, mask: Mask | None) -> Array:
 
 def _oriented(row: Row, box: Array, _mask: Mask | None) -> Array:
     """Corners of the whole silhouette's oriented box; of the visible box where one of them is not in the picture."""
+    corners = _corners(row)
+    return (box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2) / _size(row)).ravel() if corners is None else corners.ravel()
+
+
+def _corners(row: Row) -> Array | None:
+    """Corners of the oriented box (4, 2) in shares of the picture; None where one of them is outside."""
     corners = np.reshape(row.oriented_box or [np.nan] * 8, (4, 2)) / _size(row)
-    if not ((corners >= 0) & (corners <= 1)).all():
-        corners = box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2) / _size(row)
-    return corners.ravel()
+    return corners if ((corners >= 0) & (corners <= 1)).all() else None
+
+
+def straightened(dataset: Dataset) -> str:
+    """State in a line how many oriented boxes of a dataset are upright; empty where none is."""
+    outside = [_corners(row) is None for row in dataset.rows if dataset.is_labelled(row)]
+    return (
+        f"{sum(outside)} of {len(outside)} oriented boxes are the upright visible box, because a corner is outside the "
+        "image; the column oriented_box of labels.parquet has all as they are"
+        if any(outside)
+        else ""
+    )
 
 
 KINDS = {

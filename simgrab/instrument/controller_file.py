@@ -123,9 +123,10 @@ class Slew(Quantity, frozen=True, kw_only=True):
 
 
 class Radius(Quantity, frozen=True, kw_only=True):
-    """Distance from the slewing axis to the rope exit O."""
+    """Distance from the slewing axis to the rope exit O, less ``constant_m``: an outreach begins at a rail or quay."""
 
     unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
+    constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
 
 
 class Luff(Quantity, frozen=True, kw_only=True):
@@ -342,7 +343,7 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
         notes.append(f"{where}: {empty} of {len(raw)} cells are empty")
     low, high, speed, unit = _LIMITS[name]
     values = raw * scale
-    if isinstance(quantity, RopeLength):
+    if isinstance(quantity, Radius | RopeLength):
         values = values + (quantity.constant_m or 0.0)
         if quantity.constant_m is None:
             notes.append(f"{where}: rope.constant_m is not stated, and taken as 0: |OA| is the length itself")

@@ -83,8 +83,8 @@ def test_one_crane_is_read_from_any_units(
         columns["jib"] = np.arccos((RADIUS - PIVOT_M) / JIB_M) / PER[angle]
         about["luff"] = quantity("jib", angle, jib_m=JIB_M, pivot_m=PIVOT_M, lag_s=lag)
     else:
-        columns["jib"] = RADIUS / PER[length]
-        about["radius"] = quantity("jib", length, lag_s=lag)
+        columns["jib"] = (RADIUS - constant) / PER[length]
+        about["radius"] = quantity("jib", length, constant_m=constant, lag_s=lag)
     found = read_controller(written(tmp_path_factory.mktemp("units"), columns, about, parquet))
     np.testing.assert_allclose(found.time, TIME, atol=2e-6)
     np.testing.assert_allclose(np.diff(found.slew), np.diff(SLEW), atol=1e-6)

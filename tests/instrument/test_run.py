@@ -567,6 +567,13 @@ def test_no_interval_owes_nothing(measured, text):
     assert bool(found) == bool(text)
 
 
+@pytest.mark.parametrize(("k1", "text"), [(0.0, "no lens distortion"), (-0.2, "lens distortion k1 = -0.2")])
+def test_an_assumed_distortion_is_stated(k1, text):
+    camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, k1=k1, assumed=("k1",))
+    measured = (Measurement(status="ok", alpha=0.1, alpha_low=0.0, alpha_high=0.2),)
+    assert text in assumptions(camera, None, None, Pipeline(None, None), measured)["text"]
+
+
 @pytest.mark.parametrize("error", [-5.0, 0.0, 5.0])
 def test_a_wrong_constant_of_the_ropes_length_shows_in_the_grabs_size(error):
     """A grab 3 m wide on ropes of 8 to 20 m below the camera, whose lengths are measured with a constant error."""

@@ -22,7 +22,7 @@ from simgrab.dataset import preview
 from simgrab.dataset.box_files import parse
 from simgrab.dataset.card import HF_SPLITS
 from simgrab.dataset.export import FORMATS, export
-from simgrab.dataset.yolo import outline
+from simgrab.dataset.yolo import outline, straightened
 from simgrab.errors import DatasetError
 from simgrab.model.truth import KEYPOINT_NAMES, Row
 
@@ -152,6 +152,10 @@ def test_yolo_oriented_boxes(source, exported):
                 inside += 1
             np.testing.assert_allclose(corners, expected, rtol=0, atol=1e-6)
     assert 0 < inside < len(source)
+    labelled = [frame for frame in source if frame.labelled]
+    assert straightened(simgrab.open(exported / "yolo-obb")).startswith(
+        f"{len(labelled) - inside} of {len(labelled)} oriented boxes"
+    )
 
 
 @pytest.mark.parametrize(

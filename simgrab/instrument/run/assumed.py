@@ -26,7 +26,7 @@ MOST_ERROR = 0.08  # of the longest rope, where the shortest is far shorter
 _TEXTS = {
     "focal_length_px": "focal length {0.focal_length_px:g} px (1 % more makes every angle 1 % smaller)",
     "cx_px": "principal point ({0.cx_px:g}, {0.cy_px:g}) px",
-    "k1": "no lens distortion",
+    "k1": "lens distortion k1 = {0.k1:g}, k2 = {0.k2:g}, k3 = {0.k3:g}",
     "roll_deg": "roll {0.roll_deg:g} deg",
     "display_constant_m": "display constant {0.display_constant_m:g} m",
 }
@@ -63,7 +63,8 @@ def assumptions(
     parts = []
     if width is not None and owed is not None:
         parts.append(f"{owed:.2f}° of their mean width of {width:.2f}° come from: {offset}")
-    outside = [text.format(camera) for key, text in _TEXTS.items() if key in camera.assumed]
+    texts = _TEXTS | ({"k1": "no lens distortion"} if camera.intrinsics.distortion.is_null else {})
+    outside = [text.format(camera) for key, text in texts.items() if key in camera.assumed]
     if tilt is not None and tilt.offset_m is None:
         angle = math.degrees(math.atan2(math.hypot(x, y) + camera.offset_sd_m, ROPE_M))
         outside.insert(0, f"{offset}, which is taken for tilt ({angle:.1f}° on {ROPE_M:g} m of rope)")

@@ -374,11 +374,15 @@ def _around(answers: _Answers, offset: tuple[float, ...]) -> float:
     from simgrab.world.scenery.meshes.ropes import Ropes
 
     ropes = Ropes.of(Jib(), 4)
-    room = room_m(np.array(offset), jib_steel(ropes)) - LEAST_ROOM_M
+    steel, (x, y, z) = jib_steel(ropes), offset
+    room = room_m(np.array(offset), steel) - LEAST_ROOM_M
     if room < 0:
-        at = ",".join(f"{value:g}" for value in offset)
+        lower = (round(z - step / 20, 2) for step in range(1, 40))
+        clear = next((z for z in lower if room_m(np.array([x, y, z]), steel) >= LEAST_ROOM_M), None)
+        other = "0,0.6,-0.3" if clear is None else f"{x:g},{y:g},{clear:g}"
         raise _refusal(
-            "offset", f"{at} is in the jib head's steel or less than {LEAST_ROOM_M:g} m from it; 0,0.6,-0.3 is not"
+            "offset",
+            f"{x:g},{y:g},{z:g} is in the jib head's steel or less than {LEAST_ROOM_M:g} m from it; {other} is not",
         )
     apart = min(math.dist(offset[:2], place[:2]) for place in ropes.exits) - ropes.radius_m
     if apart < NEAR_ROPE_M:

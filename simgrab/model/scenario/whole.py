@@ -102,7 +102,9 @@ class Scenario(Strict, frozen=True):
         _check_lens(self.camera.intrinsics)
         if self.shutter.open_s * self.clip.frame_rate_hz > 1:
             raise ScenarioError(
-                "shutter", f"{self.shutter.open_s:g} s is longer than a frame at {self.clip.frame_rate_hz:g} Hz"
+                "shutter",
+                f"exposure_s + rolling_s = {self.shutter.open_s:g} s is longer than a frame at "
+                f"{self.clip.frame_rate_hz:g} Hz",
             )
         if isinstance(self.place, Photo) and self.light.floodlights > 0:
             raise ScenarioError("light.floodlights", 'must be 0 with place.model = "photo", which has its own light')
