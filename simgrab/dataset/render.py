@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from itertools import groupby
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +116,9 @@ def render(
         raise DatasetError(f"{out} is a folder; shards need a URL such as {Path(out).absolute().as_uri()}")
     videos = Clips(recipe, video) if video is not None else None
     output: _Folder | _Shards
-    output = _Shards(recipe, str(out), shard_frames) if is_url(out) else _Folder(recipe, Path(out), videos, cluster)
+    output = (
+        _Shards(recipe, str(out), shard_frames) if is_url(out) else _Folder(recipe, Path(out), videos, cluster, workers)
+    )
     made = pool.fill(
         output, recipe, workers=workers, cluster=cluster, resume=resume, progress=progress, checking=checking,
         before=functools.partial(price.announce, priced, files=True, video=video is not None),
@@ -133,12 +135,15 @@ def render(
 class _Folder:
     """A dataset in a folder as an output of `pool.fill`: its units are frames, or clips where a video is made too.
 
-    Frames that share a draw are made together where worlds vary. A cluster, whose machines need not share a file
-    system, sends frames here.
+    Frames that share a draw are made together where worlds vary, but for the last ones, of which each worker gets a
+    part. A cluster, whose machines need not share a file system, sends frames here.
     """
 
-    def __init__(self, recipe: Recipe, path: Path, videos: Clips | None, cluster: str | None) -> None:
+    def __init__(
+        self, recipe: Recipe, path: Path, videos: Clips | None, cluster: str | None, workers: int
+    ) -> None:  # fmt: skip
         self.journal, self._recipe, self._videos, self._cluster = Journal.of(path), recipe, videos, cluster
+        self._workers = min(workers, self._clip_count)
         self._core = manifest.identity(recipe.scenario, recipe.extensions.describe())
         self._rendered_by: Fingerprint | None = None
         self._films = False
@@ -149,10 +154,12 @@ class _Folder:
 
     @property
     def most(self) -> int:
+        return self._clip_count if self._films or self._recipe.varies else self._recipe.scenario.frames
+
+    @property
+    def _clip_count(self) -> int:
         scenario = self._recipe.scenario
-        if self._films:
-            return scenario.clip.count(scenario.frames)
-        return self._recipe.slowest_draw(scenario.frames - 1) + 1 if self._recipe.varies else scenario.frames
+        return scenario.clip.count(scenario.frames)
 
     def check(self, *, resume: bool) -> bool:
         remaining = self.journal.check(self._core, resume=resume)
@@ -182,7 +189,12 @@ class _Folder:
         def group(frame: int) -> object:
             return recipe.slowest_draw(frame), (frame // most if self._cluster or not recipe.varies else 0)
 
-        return [tuple(frames) for _, frames in groupby(missing, key=group)]
+        groups: list[FrameNumbers] = [tuple(frames) for _, frames in groupby(missing, key=group)]
+        over = len(groups) % self._workers if recipe.varies and self._cluster is None else 0
+        if not over:
+            return groups
+        parts = (_parts(frames, recipe.scenario, self._workers // over) for frames in groups[-over:])
+        return [*groups[:-over], *chain.from_iterable(parts)]
 
     @property
     def work(self) -> Work[Any]:
@@ -224,6 +236,14 @@ class _Folder:
         rows, _, _ = frame_files.read_rows(path, TallyColumns)
         written = read_json(path / MANIFEST, DatasetError)
         return Summary.of(path, Tally.of(rows, scenario), scenario, made, written["renderer"]["fingerprint"])
+
+
+def _parts(frames: FrameNumbers, scenario: Scenario, most: int) -> list[FrameNumbers]:
+    """Divide frames between clips into parts, about alike."""
+    clips = [tuple(some) for _, some in groupby(frames, key=scenario.clip.of)]
+    count = min(most, len(clips))
+    ends = [len(clips) * k // count for k in range(count + 1)]
+    return [tuple(chain.from_iterable(clips[begin:end])) for begin, end in pairwise(ends)]
 
 
 def _made(journal: Journal | None, generator: FrameGenerator, frames: FrameNumbers, tick: Tick) -> Any:

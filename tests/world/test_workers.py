@@ -10,7 +10,7 @@ from conftest import as_options, small_scene
 
 import simgrab
 from simgrab.cli import cli
-from simgrab.dataset import pool
+from simgrab.dataset import pool, render
 from simgrab.runtime import machine
 from simgrab.world.extensions import Extensions, Recipe
 
@@ -92,3 +92,20 @@ def test_checking_worlds_together_finds_what_checking_each_finds():
     for frame, projection in ((f, p) for one in each for f, p in one.projections.items()):
         assert (together.projections[frame].centre_camera == projection.centre_camera).all()
         assert (together.projections[frame].keypoints_camera == projection.keypoints_camera).all()
+
+
+@pytest.mark.parametrize(
+    ("frames", "workers", "sizes"),
+    [
+        (640, 2, [64] * 10), (160, 2, [64, 64, 16, 16]), (640, 8, [64] * 8 + [16] * 8), (64, 16, [8] * 8),
+        (10, 8, [8, 2]), (160, 1, [64, 64, 32]),
+    ],
+)  # fmt: skip
+def test_the_last_frames_of_a_draw_are_shared_by_all_processes(frames, workers, sizes, tmp_path):
+    """Each process builds what they share, in less time than it would wait for another one to make them all."""
+    recipe = Recipe(simgrab.load("training-large", {"frames": frames}))
+    folder = render._Folder(recipe, tmp_path, None, None, workers)
+    units = folder._groups(range(frames))
+    assert [len(unit) for unit in units] == sizes
+    assert [frame for unit in units for frame in unit] == list(range(frames))
+    assert all(unit[0] % 8 == 0 for unit in units)
