@@ -249,6 +249,9 @@ def test_a_stated_key_that_a_varying_table_would_overwrite_is_refused_with_a_cur
         with pytest.raises(ScenarioError, match=r"would be overwritten.*\[vary\]") as caught:
             state("training", {key: value})
         assert caught.value.key == key
+        named = re.search(r"\(vary\.(\S+)\)", caught.value.problem)
+        assert named
+        assert named[1] in scenes.load("training").vary
         cure = tomllib.loads(caught.value.problem.rpartition("[vary] ")[2])
         cured, free = state("training", {"vary": cure}), scenes.load("training")
         assert [np.ravel(v).tolist() for v in drawn(cured, key)] == [np.ravel(value).tolist()] * 10

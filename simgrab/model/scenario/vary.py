@@ -195,15 +195,16 @@ def laid_over(base: Mapping[str, Any], layer: Mapping[str, Any], tables: Iterabl
             raise ScenarioError(key, f"an empty table states nothing, and {below} varies; leave it out, or fill it")
     kinds = {key.rpartition(".")[0] for key in stated if key.endswith((".model", ".dist"))}
     fixed = {*stated, *kinds, *tables, *(part for name in own for part in name.split(JOINT))}
-    left: dict[str, Any] = {}
+    left, names = dict[str, Any](), dict[str, str]()
     for name, factor in factors.items():
         parts = name.split(JOINT)
         free = [part for part in parts if part not in fixed and not any(part.startswith(f"{key}.") for key in stated)]
         kept = [part for part in free if _fits(part, fixed, data, own)]
         if kept:
             left[JOINT.join(kept)] = factor if kept == parts else _only(kept, factor)
+            names[JOINT.join(kept)] = name
     for name, factor in left.items():
-        _refuse_overwriting(stated, name, factor, data)
+        _refuse_overwriting(stated, name, factor, data, names[name])
     return data | {"vary": left | dict(own)}
 
 
@@ -248,7 +249,8 @@ def _only(parts: Sequence[str], factor: Any) -> Any:
     return rest | {"values": values if len(parts) > 1 else [value[parts[0]] for value in values]}
 
 
-def _refuse_overwriting(stated: Mapping[str, Any], name: str, factor: Any, data: Mapping[str, Any]) -> None:
+def _refuse_overwriting(stated: Mapping[str, Any], name: str, factor: Any, data: Mapping[str, Any], whole: str) -> None:
+    """Refuse keys that a factor, of which the base has ``whole``, would overwrite."""
     for part, table in _tables(name, factor):
         laid = merged(data, nested(part, table))
         below = {key.removeprefix(f"{part}."): value for key, value in stated.items() if key.startswith(f"{part}.")}
@@ -265,7 +267,7 @@ def _refuse_overwriting(stated: Mapping[str, Any], name: str, factor: Any, data:
                 inner = ", ".join(f"{inner} = {_toml(value)}" for inner, value in below.items())
                 cure = f'replace that factor: [vary] "{part}" = {_one_of(f"{{ {inner} }}")}'
             raise ScenarioError(
-                f"{part}.{key}", f"would be overwritten, because {part} varies as a whole (vary.{name}); {cure}"
+                f"{part}.{key}", f"would be overwritten, because {part} varies as a whole (vary.{whole}); {cure}"
             )
 
 
