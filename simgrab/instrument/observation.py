@@ -29,6 +29,7 @@ class Observation(msgspec.Struct, frozen=True, gc=False):
         Why no grab was detected in it; empty where one was.
     score : float
     box, centre, centre_sd : tuple of floats, or None
+    yaw : float or None
         As in `simgrab.instrument.contract.Measurement`; the centre is the box's if the detector predicts no other.
     rope_text : str or None
     rope_status, rope_reason : str
@@ -45,6 +46,7 @@ class Observation(msgspec.Struct, frozen=True, gc=False):
     box: tuple[float, float, float, float] | None = None
     centre: tuple[float, float] | None = None
     centre_sd: tuple[float, float] | None = None
+    yaw: float | None = None
     rope_text: str | None = None
     rope_status: str = ""
     rope_reason: str = ""
@@ -109,7 +111,7 @@ def _observation(frame: Frame, found: Detection, reading: Reading | None) -> Obs
         sd = None if found.centre_sd_px is None else _pair(found.centre_sd_px)
     return Observation(
         frame.time_s, frame.name, missed="" if found.found else found.reason or "no grab found", score=found.score,
-        box=box, centre=centre, centre_sd=sd,
+        box=box, centre=centre, centre_sd=sd, yaw=found.yaw if found.found else None,
         rope_text=None if reading is None else reading.text,
         rope_status="" if reading is None else reading.status,
         rope_reason="" if reading is None else reading.reason,

@@ -574,16 +574,22 @@ def test_an_assumed_distortion_is_stated(k1, text):
     assert text in assumptions(camera, None, None, Pipeline(None, None), measured)["text"]
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.5])
 @pytest.mark.parametrize("error", [-5.0, 0.0, 5.0])
-def test_a_wrong_constant_of_the_ropes_length_shows_in_the_grabs_size(error):
-    """A grab 3 m wide on ropes of 8 to 20 m below the camera, whose lengths are measured with a constant error."""
+def test_a_wrong_constant_of_the_ropes_length_shows_in_the_grabs_size(error, turn):
+    """A grab 3 m wide on ropes of 8 to 20 m below the camera, whose lengths are measured with a constant error.
+
+    It turns by ``turn`` rad as it is hoisted, which makes the box around it larger.
+    """
     camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=(0.0, 0.6, -0.3))
     seen = []
     for length in np.linspace(8, 20, 90).tolist():
-        side = camera.focal_length_px * 3 / (length + camera.offset_m[2])
-        x, y = camera.cx_px - side / 2, camera.cy_px - side / 2
-        box = (x, y, x + side, y + 1.5 * side)
-        seen.append(Measurement(status="unread", reason="-", box=box, rope_length_m=length + error))
+        side, yaw = camera.focal_length_px * 3 / (length + camera.offset_m[2]), turn * (20 - length) / 12
+        wide = side * (np.cos(yaw) + 1.5 * np.sin(yaw))
+        high = side * (1.5 * np.cos(yaw) + np.sin(yaw))
+        x, y = camera.cx_px - wide / 2, camera.cy_px - high / 2
+        box = (x, y, x + wide, y + high)
+        seen.append(Measurement(status="unread", reason="-", box=box, yaw=yaw, rope_length_m=length + error))
     text = assumptions(camera, None, None, Pipeline(None, None), seen)["beyond"]
     assert text == "" if error == 0 else f"ropes 5.0 m {'longer' if error < 0 else 'shorter'} than measured" in text
 

@@ -317,6 +317,13 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
     assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
 
 
+def test_errors_that_nothing_explains_are_stated_as_such(place, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "causes", lambda *_args, **_options: iter(()))
+    tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1.0}}))
+    (scene,) = gate.check(tight, options(place, FAULTS["sign of gamma"], baseline=None)).scenes.values()
+    assert scene.causes == "No single mistake was found that explains the errors of the angle."
+
+
 def test_frames_in_which_the_grab_hardly_swings_are_named(place, tmp_path):
     (scene,) = check(place, sound).scenes.values()
     limits = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1.0}})).limits

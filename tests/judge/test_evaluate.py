@@ -396,6 +396,9 @@ def test_a_run_without_a_display_is_not_said_to_have_read_one(clean, swinging):
     assert read.note == "The display lags behind the rope."
     assert length.note == ""
     assert length.rows == (read.rows[-1],)
+    unknown = tuple(msgspec.structs.replace(m, rope_length_m=None) for m in blind)
+    found = evaluate(dataclasses.replace(clean, measurements=unknown), swinging / "data")["budget"]
+    assert not [row["stage"] for row in (*found["chain"], *found["aside"]) if "length" in row["stage"]]
 
 
 def test_a_refused_stage_is_the_limit():

@@ -162,6 +162,17 @@ def test_on_a_rope_of_constant_length_any_offset_and_a_tilt_are_named_together()
     assert re.search(r"tilt that is 0\.8\d° wrong, or with a horizontal camera offset of \(0\.50, 0\.45\) m", text)
 
 
+def test_offsets_that_leave_the_same_errors_are_named_together():
+    changes = {"camera.offset_x_m": 0.5, "camera.offset_y_m": -0.5, "frames": 32}
+    rows, true = rows_of(scenes.load("quay-day", changes))
+    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
+    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.005), len(true))
+    assert likely(leaning(rows, [-1.0, 1.0] / length) + noise, true, rows, None).text == (
+        "The angles are as if the camera's horizontal offset of 0.71 m were applied with the opposite sign, "
+        "or if x and y of the camera's offset were exchanged"
+    )
+
+
 def test_an_offset_that_differs_between_frames_is_named():
     changes = {"vary": {"camera.offset_y_m": {"dist": "choice", "values": [-0.9, -0.7, 0.7, 0.9]}}, "frames": FRAMES}
     rows, true = rows_of(scenes.load("quay-day", changes | {"camera.offset_x_m": 0.1, "clip.clip_frames": 1}))
@@ -244,3 +255,5 @@ def test_lengths_of_earlier_frames_are_named():
     read[:4] = np.nan
     assert of_rope(read, lengths, time).text == "Rope lengths are those of 4 frames (0.40 s) before theirs"
     assert of_rope(lengths - 3.0, lengths, time).text == "Rope lengths are 3.00 m too short"
+    drawn = np.random.default_rng(0).normal(20, 4, FRAMES)
+    assert of_rope(np.roll(drawn, 1), drawn).text == "Rope lengths are those of 1 frame before theirs"

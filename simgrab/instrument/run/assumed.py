@@ -18,6 +18,7 @@ from simgrab.model.geometry import Array
 
 ROPE_M = 20.0  # of an example
 LEAST_BOXES = 40
+LEAST_STRAIGHT = 0.5  # cosine of twice the yaw, below which the sides of a box hardly show those of the grab
 LEANS = (  # by 1.89° at most in the 44 s of docs/tutorials/levelled-camera.md
     'unless the camera is fixed (mount = "fixed" in the camera file), it leans as the crane moves: errors of up to 2° '
     "that no 95 % interval here includes; {} measures the lean"
@@ -67,7 +68,11 @@ def assumptions(
     outside = [text.format(camera) for key, text in texts.items() if key in camera.assumed]
     if tilt is not None and tilt.offset_m is None:
         angle = math.degrees(math.atan2(math.hypot(x, y) + camera.offset_sd_m, ROPE_M))
-        outside.insert(0, f"{offset}, which is taken for tilt ({angle:.1f}° on {ROPE_M:g} m of rope)")
+        outside.insert(
+            0,
+            f"{offset}, which without rope lengths, of a display or --plc, is taken for tilt ({angle:.1f}° on "
+            f"{ROPE_M:g} m of rope)",
+        )
     if timed and used is not None and not used.intervals.wind_m_s:
         outside.append("lean of the grab in steady wind")
     if not intervals:
@@ -86,17 +91,18 @@ def assumptions(
 def _of_size(camera: Calibration, measured: Sequence[Measurement]) -> str:
     """Name a constant error of the rope's length: the grab's distance times the smaller side of its box is constant.
 
-    That side hardly changes as jaws open. ``error`` is what makes the product the same for the shortest and for the
-    longest quarter of the ropes. Without an error it was at most 1.3 m, for four grabs in simulated cycles of 10 to
-    20 m of rope.
+    That side hardly changes as jaws open, and the yaw is taken out of it where it is known. ``error`` is what makes the
+    product the same for the shortest and for the longest quarter of the ropes. Without an error it was at most 1.3 m,
+    for four grabs in simulated cycles of 10 to 20 m of rope.
     """
     boxes = np.array([m.box or (np.nan,) * 4 for m in measured], float).reshape(-1, 4)
     length = np.array([m.rope_length_m or np.nan for m in measured], float) + camera.offset_m[2]
     inside = (boxes > 1) & (boxes < np.array([camera.width_px, camera.height_px] * 2) - 1)
-    known = inside.all(axis=1) & np.isfinite(length)
+    sides = _sides(boxes[:, 2:] - boxes[:, :2], np.array([m.yaw or 0.0 for m in measured]))
+    known = inside.all(axis=1) & np.isfinite(length) & np.isfinite(sides).all(axis=1)
     if known.sum() < LEAST_BOXES:
         return ""
-    length, size = length[known], np.min(boxes[known, 2:] - boxes[known, :2], axis=1)
+    length, size = length[known], sides[known].min(axis=1)
     ends = [length <= np.quantile(length, 0.25), length >= np.quantile(length, 0.75)]
     (near, far), (large, small) = ([np.median(of[end]) for end in ends] for of in (length, size))
     if large <= small or far <= near:
@@ -108,6 +114,14 @@ def _of_size(camera: Calibration, measured: Sequence[Measurement]) -> str:
         f"the grab's size in the picture changes as on ropes {abs(error):.1f} m {'longer' if error > 0 else 'shorter'} "
         "than measured; are display_constant_m and the controller's constant_m right, in sign too?"
     )
+
+
+def _sides(upright: Array, yaw: Array) -> Array:
+    """Sides (n, 2) of rectangles turned by yaw (n,), of which upright boxes have these; NaN near 45 degrees."""
+    c, s = np.abs(np.cos(yaw))[:, None], np.abs(np.sin(yaw))[:, None]
+    straight = c**2 - s**2
+    straight[np.abs(straight) < LEAST_STRAIGHT] = np.nan
+    return np.asarray((upright * c - upright[:, ::-1] * s) / straight)
 
 
 def _widths(camera: Calibration, record: MeasuredRecord | None, instrument: Instrument) -> tuple[float, float] | None:

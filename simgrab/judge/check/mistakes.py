@@ -226,7 +226,9 @@ def _of_offset(fits: _Fits, offset: Array, per_m: Array, *, rope_known: bool) ->
         found.append((least._replace(any_offset=True), AS_GOOD))
     best = min(one.rms for one, _ in found)
     fitting = [one for one, most in found if one.text and one.rms <= most * best]
-    return min(fitting, key=lambda one: one.fitted, default=found[-1][0])  # a tilt beside an offset explains much
+    likely = min(fitting, key=lambda one: one.fitted, default=found[-1][0])  # a tilt beside an offset explains much
+    alike = [one for one in (applied, usual[0]) if one.text and one.rms < CLEARLY * likely.rms]
+    return likely._replace(text=", or ".join(one.text for one in alike)) if likely in alike else likely
 
 
 def _along(camera: Pose, rows: Sequence[Row], of: str) -> Array:
@@ -252,7 +254,7 @@ def of_rope(read: Array, true: Array, time: Array | None = None) -> Mistake | No
     found = (
         Mistake(f"Rope lengths are {factor:.3g} times the true ones", read / (factor or 1.0) - true),
         Mistake(f"Rope lengths are {abs(constant):.2f} m too {side}", read - constant - true),
-        *([_late("Rope lengths", read, true, time)] if time is not None else ()),
+        _late("Rope lengths", read, true, time),
     )
     best = min(found, key=lambda one: one.rms)
     return best if best.rms < ROPE_SHARE * Mistake("", read - true).rms else None

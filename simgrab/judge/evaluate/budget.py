@@ -50,12 +50,13 @@ class BudgetStage:
     centre: str
 
 
+READ = "rope's length as read"
 CHAIN = (
     BudgetStage("everything true", "true", "true", "true", "true"),
     BudgetStage("tilt that does not change", "constant", "true", "true", "true"),
     BudgetStage("tilt estimated", "estimated", "true", "true", "true"),
     BudgetStage("camera as nominally known", "estimated", "nominal", "true", "true"),
-    BudgetStage("rope's length as read", "estimated", "nominal", "read", "true"),
+    BudgetStage(READ, "estimated", "nominal", "read", "true"),
     BudgetStage("grab's centre as detected", "estimated", "nominal", "read", "detected"),
 )
 #: Beside the chain: one thing at a time.
@@ -93,13 +94,13 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
         return {"stage": stage.name, "beta_deg": beta} | errors(alpha, parts.alpha)
 
     paper = PaperIteration()
-    chain = [row(stage, estimator) for stage in CHAIN]
+    chain = [row(stage, estimator) for stage in CHAIN if parts.reads or stage.name != READ]
     return {
         "estimator": estimator.name,
         "tilt": "estimated" if parts.given is None else "given",
         "chain": chain,
         "limit": limit(chain),
-        "aside": [row(stage, estimator) for stage in ASIDE],
+        "aside": [row(stage, estimator) for stage in ASIDE if parts.reads or stage.rope == "true"],
         "drawn": {"stage": f"offset drawn {DRAWS} times"} | parts.drawn(estimator),
         "paper": [row(stage, paper) for stage in (CHAIN[2], CHAIN[-1])],
         "run": {"stage": "the run itself"} | errors(run.alpha[parts.some], parts.alpha),
@@ -127,6 +128,7 @@ class _Parts:
     sd: Array
     camera: dict[str, Calibration]
     given: Known | None  # tilt that was not found in all of these frames
+    reads: bool  # whether the run has lengths of the rope
 
     @classmethod
     def of(cls, run: Run, known: Truths) -> _Parts | None:
@@ -145,6 +147,7 @@ class _Parts:
             {"true": known.rope_length[some], "read": used[some]},
             np.sqrt(np.mean(sd**2, axis=-1))[some],
             {"true": true_camera(rows, run.calibration), "nominal": run.calibration}, _given(run),
+            not np.isnan(read).all(),
         )  # fmt: skip
 
     def swing(self, stage: BudgetStage, estimator: Estimator) -> tuple[float | None, Array]:

@@ -54,7 +54,7 @@ ASKED = {
     ),
     "tilt": ("tilt of the camera from the vertical, degrees", "3"),
     "height": ("height of the jib head above the quay, 22 to 35 m", "28"),
-    "ropes": ("shortest and longest rope, m", "8..22"),
+    "ropes": ("shortest and longest rope, to the grab's centre, m", "8..22"),
     "grab": (f"{', '.join(GRABS)}, or the file of a 3-D model", "four-rope"),
     "volume": ("volume of the grab, m³", "6"),
     "paint": (f"paint of the grab: {', '.join(PAINTS)}", "orange"),
@@ -377,7 +377,7 @@ def _around(answers: _Answers, offset: tuple[float, ...]) -> float:
     steel, (x, y, z) = jib_steel(ropes), offset
     room = room_m(np.array(offset), steel) - LEAST_ROOM_M
     if room < 0:
-        lower = (round(z - step / 20, 2) for step in range(1, 40))
+        lower = (round(min(z, 0.0) - step / 20, 2) for step in range(1, 40))
         clear = next((z for z in lower if room_m(np.array([x, y, z]), steel) >= LEAST_ROOM_M), None)
         other = "0,0.6,-0.3" if clear is None else f"{x:g},{y:g},{clear:g}"
         raise _refusal(
@@ -417,7 +417,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     if cycles:
         swing = f'model = "dynamic"\nwork = {{ model = "cycles", dig_rope_m = {long:g}, carry_rope_m = {short:g} }}'
         swing += f"\nwind = {{ mean_m_s = {wind:g} }}"
-        swing += f"\nsettle_s = {DIG_S} # before the first frame: the grab digs, and hardly swings"
+        swing += f"\nsettle_s = {DIG_S} # simulated before the first frame; by then the grab may swing"
     else:
         calm = ", whatever the wind, which carries rain, snow and dust alone" if wind else ""
         answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
