@@ -8,6 +8,7 @@ import click
 
 from simgrab.cli._options import FOLDER_OR_URL
 from simgrab.cli._progress import bar
+from simgrab.io.stores import is_url
 from simgrab.text import printable
 
 FORMATS = ("yolo", "yolo-pose", "yolo-seg", "yolo-obb", "coco", "voc", "webdataset", "hf", "simgrab")
@@ -28,7 +29,6 @@ def command(dataset: str, layout: str, out: Path | str, shard_frames: int | None
     and JSON. voc: Pascal VOC's XML. webdataset: tar archives. hf: Parquet for Hugging Face datasets. simgrab: the
     folder that `simgrab render` writes.
     """
-    from simgrab.dataset.datasets import read
     from simgrab.dataset.export import export
     from simgrab.dataset.yolo import straightened
 
@@ -36,5 +36,5 @@ def command(dataset: str, layout: str, out: Path | str, shard_frames: int | None
         export(dataset, out, format=layout, shard_frames=shard_frames, progress=progress)
     if not quiet:
         click.echo(printable(f"written: {out}"))
-        if layout == "yolo-obb" and (line := straightened(read(out))):
+        if layout == "yolo-obb" and not is_url(out) and (line := straightened(Path(out))):
             click.echo(line, err=True)

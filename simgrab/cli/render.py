@@ -54,7 +54,6 @@ def command(
     scenario = load_scene(scene, assignments, size, beta=beta, sigma=sigma, frames=frames, seed=seed, yolo=yolo)
     if video is None:
         out = out or Path("runs") / scenario.name
-    from simgrab.dataset.datasets import read
     from simgrab.dataset.notices import notices
     from simgrab.dataset.pool import automatic
     from simgrab.dataset.render import render
@@ -110,8 +109,10 @@ def command(
                 scenario, video, workers=workers, resume=resume, progress=progress, checking=checking, priced=priced,
                 **functions,
             )  # fmt: skip
-    upright = straightened(read(out)) if scenario.labels.yolo == "obb" and out is not None and not is_url(out) else ""
-    for line in () if quiet else filter(None, [*doubts(summary), upright]):
+    lines = [] if quiet else doubts(summary)
+    if not quiet and scenario.labels.yolo == "obb" and out is not None and not is_url(out):
+        lines.append(straightened(Path(out)))
+    for line in filter(None, lines):
         click.echo(line, err=True)
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))

@@ -193,8 +193,8 @@ class _Folder:
         over = len(groups) % self._workers if recipe.varies and self._cluster is None else 0
         if not over:
             return groups
-        parts = (_parts(frames, recipe.scenario, self._workers // over) for frames in groups[-over:])
-        return [*groups[:-over], *chain.from_iterable(parts)]
+        rest = tuple(chain.from_iterable(groups[-over:]))
+        return [*groups[:-over], *_parts(rest, recipe.scenario, self._workers)]
 
     @property
     def work(self) -> Work[Any]:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 from scipy.spatial import KDTree
 
+from simgrab.dataset.datasets import named, read_manifest
+from simgrab.io.stores import Store
 from simgrab.model import label_arrays as arrays
 from simgrab.model.geometry import Array
+from simgrab.model.records import frame_files
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row
-
-if TYPE_CHECKING:
-    from simgrab.dataset.datasets import Dataset
 
 Mask = dict[str, Any]
 """The visible grab as COCO's compressed run lengths."""
@@ -64,15 +66,27 @@ def _oriented(row: Row, box: Array, _mask: Mask | None) -> Array:
     return (box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2) / _size(row)).ravel() if corners is None else corners.ravel()
 
 
-def _corners(row: Row) -> Array | None:
+def _corners(row: Row | OrientedColumns) -> Array | None:
     """Corners of the oriented box (4, 2) in shares of the picture; None where one of them is outside."""
     corners = np.reshape(row.oriented_box or [np.nan] * 8, (4, 2)) / _size(row)
     return corners if ((corners >= 0) & (corners <= 1)).all() else None
 
 
-def straightened(dataset: Dataset) -> str:
-    """State in a line how many oriented boxes of a dataset are upright; empty where none is."""
-    outside = [_corners(row) is None for row in dataset.rows if dataset.is_labelled(row)]
+class OrientedColumns(msgspec.Struct, frozen=True):
+    """The columns of labels that `straightened` needs."""
+
+    width_px: int
+    height_px: int
+    visible_fraction: float
+    oriented_box: tuple[float, ...] | None
+
+
+def straightened(folder: Path) -> str:
+    """State in a line how many oriented boxes of a dataset's label files are upright; empty where none is."""
+    rows, _, _ = frame_files.read_rows(folder, OrientedColumns)
+    scenario = named(read_manifest(Store(str(folder))), folder).scenario
+    least = max(scenario.labels.least_visible_fraction, 1e-12)
+    outside = [_corners(row) is None for row in rows if row.visible_fraction >= least]
     return (
         f"{sum(outside)} of {len(outside)} oriented boxes are the upright visible box, because a corner is outside the "
         "image; the column oriented_box of labels.parquet has all as they are"
@@ -176,5 +190,5 @@ def _middles(corners: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.asarray(cv2.approxPolyDP(quarters[edges], 0, closed=True)[:, 0])
 
 
-def _size(row: Row) -> tuple[int, int]:
+def _size(row: Row | OrientedColumns) -> tuple[int, int]:
     return row.width_px, row.height_px

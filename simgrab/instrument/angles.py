@@ -145,7 +145,7 @@ def _measurement(
         status=status, reason=reason, alpha=float(alpha) if ok else None,
         alpha_low=float(ends[0]) if stated else None, alpha_high=float(ends[1]) if stated else None,
         danger=float(danger) if ok else None, box=s.box, score=s.score, centre=s.centre, centre_sd=s.centre_sd,
-        yaw=s.yaw, rope_text=s.rope_text, rope_status="jump" if jump else s.rope_status,
+        rope_text=s.rope_text, rope_status="jump" if jump else s.rope_status,
         rope_length_m=float(rope) if np.isfinite(rope) else None, **(ahead if ok else {}),
     )  # fmt: skip
 

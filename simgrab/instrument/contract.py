@@ -76,8 +76,6 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
         Position of the grab centre A in the picture.
     centre_sd : tuple of 2 floats, or None
         Its standard deviations.
-    yaw : float or None
-        Of the grab, as `simgrab.Detection` has it.
     rope_text : str or None
         Text read on the display: four digits, a blank and four digits, with ``?`` for a refused digit; a number may
         contain a point.
@@ -103,7 +101,6 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     score: Annotated[float, Meta(ge=0, le=1)] = 0.0
     centre: tuple[float, float] | None = None
     centre_sd: tuple[float, float] | None = None
-    yaw: float | None = None
     rope_text: str | None = None
     rope_status: str = ""
     rope_length_m: float | None = None

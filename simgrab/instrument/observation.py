@@ -29,8 +29,9 @@ class Observation(msgspec.Struct, frozen=True, gc=False):
         Why no grab was detected in it; empty where one was.
     score : float
     box, centre, centre_sd : tuple of floats, or None
-    yaw : float or None
         As in `simgrab.instrument.contract.Measurement`; the centre is the box's if the detector predicts no other.
+    yaw : float or None
+        As in `simgrab.model.records.observations.Detection`.
     rope_text : str or None
     rope_status, rope_reason : str
         As in `simgrab.model.records.observations.Reading`; empty if no display was to be read.

@@ -25,7 +25,7 @@ from simgrab.instrument.estimate.follow import load as load_tilt
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
-from simgrab.instrument.run.assumed import assumptions
+from simgrab.instrument.run.assumed import _of_size, assumptions
 from simgrab.instrument.run.page import page
 from simgrab.instrument.run.run import RunOptions, measure, run
 from simgrab.instrument.run.table import beside_paper, held
@@ -574,24 +574,38 @@ def test_an_assumed_distortion_is_stated(k1, text):
     assert text in assumptions(camera, None, None, Pipeline(None, None), measured)["text"]
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.5])
-@pytest.mark.parametrize("error", [-5.0, 0.0, 5.0])
-def test_a_wrong_constant_of_the_ropes_length_shows_in_the_grabs_size(error, turn):
-    """A grab 3 m wide on ropes of 8 to 20 m below the camera, whose lengths are measured with a constant error.
+def rectangle(camera, yaw, size):
+    wide, high = size * (np.cos(yaw) + 1.5 * np.sin(yaw)), size * (1.5 * np.cos(yaw) + np.sin(yaw))
+    return camera.cx_px - wide / 2, camera.cy_px - high / 2, camera.cx_px + wide / 2, camera.cy_px + high / 2
 
-    It turns by ``turn`` rad as it is hoisted, which makes the box around it larger.
-    """
+
+def disc(camera, _yaw, size):
+    return camera.cx_px - size / 2, camera.cy_px - size / 2, camera.cx_px + size / 2, camera.cy_px + size / 2
+
+
+@pytest.mark.parametrize("known", ["all", "none", "on long ropes"])
+@pytest.mark.parametrize(
+    ("shape", "turn", "error", "text"),
+    [
+        (rectangle, 0.0, -5.0, "5.0 m longer"), (rectangle, 0.0, 0.0, ""), (rectangle, 0.0, 5.0, "5.0 m shorter"),
+        (rectangle, 0.5, 0.0, ""), (disc, 0.5, 0.0, ""), (rectangle, 0.5, 5.0, "5.0 m shorter"),
+    ],
+)  # fmt: skip
+def test_a_wrong_constant_of_the_ropes_length_shows_in_the_grabs_size(shape, turn, error, text, known):
+    """A grab 3 m wide on ropes of 8 to 20 m below the camera, which turns by ``turn`` rad as it is hoisted."""
     camera = Calibration(1920, 1080, 1000.0, 960.0, 540.0, offset_m=(0.0, 0.6, -0.3))
+    lengths = np.linspace(8, 20, 180)
+    yaw = turn * (20 - lengths) / 12
     seen = []
-    for length in np.linspace(8, 20, 90).tolist():
-        side, yaw = camera.focal_length_px * 3 / (length + camera.offset_m[2]), turn * (20 - length) / 12
-        wide = side * (np.cos(yaw) + 1.5 * np.sin(yaw))
-        high = side * (1.5 * np.cos(yaw) + np.sin(yaw))
-        x, y = camera.cx_px - wide / 2, camera.cy_px - high / 2
-        box = (x, y, x + wide, y + high)
-        seen.append(Measurement(status="unread", reason="-", box=box, yaw=yaw, rope_length_m=length + error))
-    text = assumptions(camera, None, None, Pipeline(None, None), seen)["beyond"]
-    assert text == "" if error == 0 else f"ropes 5.0 m {'longer' if error < 0 else 'shorter'} than measured" in text
+    for length, turned in zip(lengths.tolist(), yaw.tolist(), strict=True):
+        box = shape(camera, turned, camera.focal_length_px * 3 / (length + camera.offset_m[2]))
+        seen.append(Measurement(status="unread", reason="-", box=box, rope_length_m=length + error))
+    yaw[{"all": lengths < 0, "none": lengths > 0, "on long ropes": lengths < 14}[known]] = np.nan
+    found = _of_size(camera, seen, yaw)
+    if known == "all" or not turn:  # else a rectangle that turns looks like a wrong length
+        assert text in found if text and known != "on long ropes" else found == ""
+    elif known == "on long ropes":
+        assert found == ""
 
 
 @needs_chromium

@@ -12,11 +12,13 @@ import pandas as pd
 import PIL.Image
 import pytest
 import yaml
+from click.testing import CliRunner
 from conftest import by_yolo
 from pycocotools import mask as coco_mask
 from pycocotools.coco import COCO
 
 import simgrab
+from simgrab.cli import cli
 from simgrab.cli import export as command
 from simgrab.dataset import preview
 from simgrab.dataset.box_files import parse
@@ -153,9 +155,15 @@ def test_yolo_oriented_boxes(source, exported):
             np.testing.assert_allclose(corners, expected, rtol=0, atol=1e-6)
     assert 0 < inside < len(source)
     labelled = [frame for frame in source if frame.labelled]
-    assert straightened(simgrab.open(exported / "yolo-obb")).startswith(
-        f"{len(labelled) - inside} of {len(labelled)} oriented boxes"
-    )
+    assert straightened(exported / "yolo-obb").startswith(f"{len(labelled) - inside} of {len(labelled)} oriented boxes")
+
+
+@pytest.mark.parametrize("url", [False, True])
+def test_the_command_counts_upright_boxes_in_folders(source, url, tmp_path):
+    out = (tmp_path / "obb").as_uri() if url else str(tmp_path / "obb")
+    done = CliRunner().invoke(cli, ["export", str(source.path), "--format", "yolo-obb", "--out", out])
+    assert done.exit_code == 0, done.output
+    assert ("oriented boxes are the upright visible box" in done.output) == (not url)
 
 
 @pytest.mark.parametrize(

@@ -83,40 +83,54 @@ def assumptions(
     fixed = None if record is None or record.estimate is None else tested_offsets(record.estimate)[1]
     offset_m = None if tilt is None else tilt.weak_prior_offset_m or tilt.offset_m
     far = far_offset(offset_m, camera, by_motion=by_motion, fixed=fixed)
+    yaw = np.array([np.nan if s.yaw is None else s.yaw for s in record.arrays.observations] if record else [], float)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
             "leans": LEANS.format("--imu" if record is None else "--plc or --imu") if leans else "",
-            "beyond": "; ".join(filter(None, [far, _of_size(camera, measured)]))}  # fmt: skip
+            "beyond": "; ".join(filter(None, [far, _of_size(camera, measured, yaw)]))}  # fmt: skip
 
 
-def _of_size(camera: Calibration, measured: Sequence[Measurement]) -> str:
+def _of_size(camera: Calibration, measured: Sequence[Measurement], yaw: Array) -> str:
     """Name a constant error of the rope's length: the grab's distance times the smaller side of its box is constant.
 
-    That side hardly changes as jaws open, and the yaw is taken out of it where it is known. ``error`` is what makes the
-    product the same for the shortest and for the longest quarter of the ropes. Without an error it was at most 1.3 m,
-    for four grabs in simulated cycles of 10 to 20 m of rope.
+    That side hardly changes as jaws open, but it does as a rectangle turns: where the yaw (n,), rad, is known, that of
+    the rectangle itself must show the error too. Without an error it was at most 1.3 m, for four grabs in simulated
+    cycles of 10 to 20 m of rope.
     """
     boxes = np.array([m.box or (np.nan,) * 4 for m in measured], float).reshape(-1, 4)
     length = np.array([m.rope_length_m or np.nan for m in measured], float) + camera.offset_m[2]
     inside = (boxes > 1) & (boxes < np.array([camera.width_px, camera.height_px] * 2) - 1)
-    sides = _sides(boxes[:, 2:] - boxes[:, :2], np.array([m.yaw or 0.0 for m in measured]))
-    known = inside.all(axis=1) & np.isfinite(length) & np.isfinite(sides).all(axis=1)
-    if known.sum() < LEAST_BOXES:
-        return ""
-    length, size = length[known], sides[known].min(axis=1)
-    ends = [length <= np.quantile(length, 0.25), length >= np.quantile(length, 0.75)]
-    (near, far), (large, small) = ([np.median(of[end]) for end in ends] for of in (length, size))
-    if large <= small or far <= near:
-        return ""
-    error = (far * small - near * large) / (large - small)
-    if far - near < (near + error) / 2 or abs(error) < MOST_ERROR * (far + error) ** 2 / (far - near):
+    upright = np.where(inside.all(axis=1, keepdims=True), boxes[:, 2:] - boxes[:, :2], np.nan)
+    errors = [_error(length, upright.min(axis=1))]
+    if np.isfinite(yaw).any():
+        errors.append(_error(length, _turned(upright, yaw).min(axis=1)))
+    error = min(errors, key=abs)
+    if not error or len(set(np.sign(errors))) > 1:
         return ""
     return (
         f"the grab's size in the picture changes as on ropes {abs(error):.1f} m {'longer' if error > 0 else 'shorter'} "
-        "than measured; are display_constant_m and the controller's constant_m right, in sign too?"
+        "than measured; are display_constant_m and the controller's rope.constant_m right, in sign too?"
     )
 
 
-def _sides(upright: Array, yaw: Array) -> Array:
+def _error(length: Array, size: Array) -> float:
+    """Constant of lengths (n,), m, that makes them times sizes (n,) the same at both ends; 0 if it is small.
+
+    The ends are the shortest and the longest quarter of the ropes. NaN where a size is not known.
+    """
+    known = np.isfinite(length) & (size > 0)
+    if known.sum() < LEAST_BOXES:
+        return 0.0
+    length, size = length[known], size[known]
+    ends = [length <= np.quantile(length, 0.25), length >= np.quantile(length, 0.75)]
+    (near, far), (large, small) = ([float(np.median(of[end])) for end in ends] for of in (length, size))
+    if large <= small or far <= near:
+        return 0.0
+    error = (far * small - near * large) / (large - small)
+    clear = far - near >= (near + error) / 2 and abs(error) >= MOST_ERROR * (far + error) ** 2 / (far - near)
+    return error if clear else 0.0
+
+
+def _turned(upright: Array, yaw: Array) -> Array:
     """Sides (n, 2) of rectangles turned by yaw (n,), of which upright boxes have these; NaN near 45 degrees."""
     c, s = np.abs(np.cos(yaw))[:, None], np.abs(np.sin(yaw))[:, None]
     straight = c**2 - s**2

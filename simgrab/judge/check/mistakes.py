@@ -226,9 +226,11 @@ def _of_offset(fits: _Fits, offset: Array, per_m: Array, *, rope_known: bool) ->
         found.append((least._replace(any_offset=True), AS_GOOD))
     best = min(one.rms for one, _ in found)
     fitting = [one for one, most in found if one.text and one.rms <= most * best]
-    likely = min(fitting, key=lambda one: one.fitted, default=found[-1][0])  # a tilt beside an offset explains much
-    alike = [one for one in (applied, usual[0]) if one.text and one.rms < CLEARLY * likely.rms]
-    return likely._replace(text=", or ".join(one.text for one in alike)) if likely in alike else likely
+    chosen = min(fitting, key=lambda one: one.fitted, default=found[-1][0])  # a tilt beside an offset explains much
+    alike = [one for one in (applied, usual[0]) if one.text and one.rms < CLEARLY * chosen.rms]
+    if not any(one is chosen for one in alike):
+        return chosen
+    return chosen._replace(text=", or ".join(one.text for one in alike))
 
 
 def _along(camera: Pose, rows: Sequence[Row], of: str) -> Array:

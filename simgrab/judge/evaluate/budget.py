@@ -133,7 +133,8 @@ class _Parts:
     @classmethod
     def of(cls, run: Run, known: Truths) -> _Parts | None:
         read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
-        used = known.rope_length if np.isnan(read).all() else read  # without a display the length plays no part
+        reads = not np.isnan(read).all()
+        used = read if reads else known.rope_length  # without a display the length plays no part
         centres = {"true": known.centre, "box": known.box_centre, "detected": run.pixels}
         finite = [np.isfinite(c).all(axis=-1) for c in centres.values()]
         some = np.logical_and.reduce([*finite, np.isfinite(known.alpha), np.isfinite(used)])
@@ -147,7 +148,7 @@ class _Parts:
             {"true": known.rope_length[some], "read": used[some]},
             np.sqrt(np.mean(sd**2, axis=-1))[some],
             {"true": true_camera(rows, run.calibration), "nominal": run.calibration}, _given(run),
-            not np.isnan(read).all(),
+            reads,
         )  # fmt: skip
 
     def swing(self, stage: BudgetStage, estimator: Estimator) -> tuple[float | None, Array]:

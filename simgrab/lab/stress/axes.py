@@ -41,7 +41,7 @@ EXCLUSIVE = (
     {"memory", "gamma-alpha"},
     {"rope", "rope-range"},
 )
-"""Axes of which only one has an effect at a point."""
+"""Axes of which only one may be stated where one is turned up, since it would overwrite another."""
 
 Change = Callable[[Situation, Any], dict[str, Any]]
 

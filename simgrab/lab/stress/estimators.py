@@ -31,7 +31,7 @@ class Estimating(Protocol):
         rope_length: Array | None = None,
         time: Array | None = None,
     ) -> Estimate:
-        r"""Estimate from one record.
+        r"""Estimate from one record, whose arrays are read-only.
 
         Parameters
         ----------
@@ -90,14 +90,15 @@ def run(name: str, records: Records, own: Mapping[str, Estimating] | None = None
     """Estimate from every record, in a batch where the estimator has one; ``own`` are estimators besides `find`'s."""
     estimator = own[name] if own and name in own else find(name)
     pixels, ropes = (_unchangeable(values) for values in _known(estimator, records))
-    options: dict[str, Any] = {"rope_length": ropes, "time": records.time}
+    time = None if records.time is None else _unchangeable(records.time)
+    options: dict[str, Any] = {"rope_length": ropes, "time": time}
     if isinstance(estimator, Estimator):
         options["pixel_sd"] = records.pixel_sd
     try:
         if hasattr(estimator, "batch"):
             return cast(Estimates, estimator.batch(pixels, records.calibration, **options))
         each = [
-            estimator.estimate(uv, records.calibration, rope_length=rope, time=records.time)
+            estimator.estimate(uv, records.calibration, rope_length=rope, time=time)
             for uv, rope in zip(pixels, ropes, strict=True)
         ]
     except Exception as problem:
@@ -127,7 +128,7 @@ def flaw(estimate: Any, frames: int) -> str:
     if shape != (frames,):
         return f"alpha must have one value for each of {frames} frames, got the shape {shape}"
     if np.isnan(np.asarray(estimate.alpha, float)).all():
-        return "alpha is NaN in every frame; leave frames out whose pixels are NaN, or refuse the record"
+        return "alpha is NaN in every frame; estimate from the frames whose pixels are finite, or refuse the record"
     for key, value in (("beta", estimate.beta), ("sigma", estimate.sigma), ("alpha", estimate.alpha)):
         sizes = np.abs(np.asarray(value, float))
         largest = np.max(sizes, where=np.isfinite(sizes), initial=0.0)

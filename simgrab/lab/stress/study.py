@@ -170,8 +170,9 @@ def _situation(base: str, settings: tuple[tuple[str, Value], ...]) -> Situation:
         if by := axis_of(name).overridden(result, value):
             raise StressError(f"{name}: has no effect, because {by}")
     for group in EXCLUSIVE:
-        if len(names := [name for name, _ in turned_up if name in group]) > 1:
-            raise StressError(f"{names[0]}: only one of {' and '.join(names)} has an effect: leave the others out")
+        names = [name for name, _ in settings if name in group]
+        if len(names) > 1 and any(name in group for name, _ in turned_up):
+            raise StressError(f"{names[0]}: {' and '.join(names)} exclude each other: leave all but one out")
     return result
 
 

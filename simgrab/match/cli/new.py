@@ -376,16 +376,17 @@ def _around(answers: _Answers, offset: tuple[float, ...]) -> float:
     ropes = Ropes.of(Jib(), 4)
     steel, (x, y, z) = jib_steel(ropes), offset
     room = room_m(np.array(offset), steel) - LEAST_ROOM_M
+    apart = min(math.dist((x, y), place[:2]) for place in ropes.exits) - ropes.radius_m
     if room < 0:
         lower = (round(min(z, 0.0) - step / 20, 2) for step in range(1, 40))
-        clear = next((z for z in lower if room_m(np.array([x, y, z]), steel) >= LEAST_ROOM_M), None)
-        other = "0,0.6,-0.3" if clear is None else f"{x:g},{y:g},{clear:g}"
+        least = LEAST_ROOM_M + math.sqrt(3) * MOST_AROUND_M
+        clear = next((z for z in lower if room_m(np.array([x, y, z]), steel) >= least), None)
+        other = "0,0.6,-0.3" if clear is None or apart < NEAR_ROPE_M else f"{x:g},{y:g},{clear:g}"
         raise _refusal(
             "offset",
             f"{x:g},{y:g},{z:g} is in the jib head's steel or less than {LEAST_ROOM_M:g} m from it; {other} is not",
         )
-    apart = min(math.dist(offset[:2], place[:2]) for place in ropes.exits) - ropes.radius_m
-    if apart < NEAR_ROPE_M:
+    if apart < NEAR_ROPE_M and z < 0:
         answers.assumed.append(
             f"--offset: a rope hangs {max(apart, 0):.2f} m from the lens, and hides much of the view"
         )

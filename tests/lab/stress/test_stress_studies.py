@@ -176,6 +176,9 @@ class Centred:
     """Writes into what it is given."""
 
     def estimate(self, pixels, calibration, *, rope_length=None, time=None):
+        for values in (time, rope_length, pixels):
+            with pytest.raises(ValueError, match="read-only"):
+                values[0] = 1.0
         pixels -= 20.0
         return MeanRay().estimate(pixels, calibration, rope_length=rope_length, time=time)
 
