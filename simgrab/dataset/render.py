@@ -139,9 +139,7 @@ class _Folder:
     part. A cluster, whose machines need not share a file system, sends frames here.
     """
 
-    def __init__(
-        self, recipe: Recipe, path: Path, videos: Clips | None, cluster: str | None, workers: int
-    ) -> None:  # fmt: skip
+    def __init__(self, recipe: Recipe, path: Path, videos: Clips | None, cluster: str | None, workers: int) -> None:
         self.journal, self._recipe, self._videos, self._cluster = Journal.of(path), recipe, videos, cluster
         self._workers = min(workers, self._clip_count)
         self._core = manifest.identity(recipe.scenario, recipe.extensions.describe())

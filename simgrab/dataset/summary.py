@@ -60,7 +60,7 @@ class Tally(msgspec.Struct, frozen=True):
     def of(cls, rows: Iterable[Row | TallyColumns], scenario: Scenario) -> Tally:
         """Count frames."""
         rows = list(rows)
-        least = max(scenario.labels.least_visible_fraction, 1e-12)
+        least = least_visible(scenario.labels.least_visible_fraction)
         names = [row.split for row in rows]
         ropes, betas = [row.rope_length_m for row in rows], [row.beta_deg for row in rows]
         return cls(
@@ -99,6 +99,11 @@ class Tally(msgspec.Struct, frozen=True):
         counts = dict(zip(CLAMPABLE, self.clamped, strict=True))
         keys = scenario.swing.clamped
         return {"clamped": {key: counts[key] for key in keys}} if keys else {}
+
+
+def least_visible(stated: float) -> float:
+    """Visible fraction from which a frame has a detection label: as stated, but a grab that is not seen has none."""
+    return max(stated, 1e-12)
 
 
 def clamped(columns: Iterable[str]) -> tuple[int, int]:

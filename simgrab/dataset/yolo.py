@@ -14,6 +14,7 @@ from pycocotools import mask as coco_mask
 from scipy.spatial import KDTree
 
 from simgrab.dataset.datasets import named, read_manifest
+from simgrab.dataset.summary import least_visible
 from simgrab.io.stores import Store
 from simgrab.model import label_arrays as arrays
 from simgrab.model.geometry import Array
@@ -85,7 +86,7 @@ def straightened(folder: Path) -> str:
     """State in a line how many oriented boxes of a dataset's label files are upright; empty where none is."""
     rows, _, _ = frame_files.read_rows(folder, OrientedColumns)
     scenario = named(read_manifest(Store(str(folder))), folder).scenario
-    least = max(scenario.labels.least_visible_fraction, 1e-12)
+    least = least_visible(scenario.labels.least_visible_fraction)
     outside = [_corners(row) is None for row in rows if row.visible_fraction >= least]
     return (
         f"{sum(outside)} of {len(outside)} oriented boxes are the upright visible box, because a corner is outside the "

@@ -317,11 +317,21 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
     assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
 
 
-def test_errors_that_nothing_explains_are_stated_as_such(place, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "causes", lambda *_args, **_options: iter(()))
-    tight = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1.0}}))
-    (scene,) = gate.check(tight, options(place, FAULTS["sign of gamma"], baseline=None)).scenes.values()
-    assert scene.causes == "No single mistake was found that explains the errors of the angle."
+@pytest.mark.parametrize("missed", [0, 1])
+def test_errors_that_nothing_explains_are_stated_as_such(place, missed):
+    """Of a pipeline that outputs angles alone, and misses a frame or none."""
+    (scene,) = check(place, sound).scenes.values()
+    true = scene.trial.known.alpha
+    noise = np.random.default_rng(0).normal(0, np.deg2rad(2.0), len(true))
+    measured = [Measurement(status="ok", alpha=float(alpha)) for alpha in np.abs(true + noise)]
+    measured[:missed] = [Measurement(status="missed", reason="hidden")] * missed
+    about = scene.trial.run.about | {"tilt": None, "estimate": None}
+    run = dataclasses.replace(scene.trial.run, measurements=tuple(measured), about=about)
+    evaluation = msgspec.structs.replace(scene.trial.evaluation, budget=None)
+    trial = dataclasses.replace(scene.trial, run=run, evaluation=evaluation)
+    *others, last = causes(trial, ["angle.overall.rmse_deg"])
+    assert last == "No single mistake was found that explains the errors of the angle."
+    assert len(others) == missed
 
 
 def test_frames_in_which_the_grab_hardly_swings_are_named(place, tmp_path):

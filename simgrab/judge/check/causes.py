@@ -16,6 +16,7 @@ from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array
 
 STILL = 10  # times less than the swing, an angle hardly follows it
+UNEXPLAINED = "No single mistake was found that explains the errors of the angle."
 _LISTED = 4  # frames at most
 
 
@@ -68,15 +69,17 @@ def causes(
         mistake = None
         if moves and not lengths:
             mistake = likely(run.alpha, true, trial.known.rows, run.time, rope_known=given)
-        if mistake and meets(_metrics(true + mistake.left, trial.known)):
-            rmse = _rms(measured - swing)
+        if mistake and not meets(_metrics(true + mistake.left, trial.known)):
+            mistake = None
+        rmse = _rms(measured - swing)
+        if mistake:
             rest = np.rad2deg(_rms(mistake.left[np.isfinite(mistake.left)]))
             yield f"{mistake.text}. Otherwise the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
             if not mistake.of_tilt:
                 return
-        else:
-            yield from _of_angles(measured, swing)
-        yield from _of_stages(trial, run, trial.known, _rms(measured - swing), float(swing.std()), compared=compared)
+        found = [] if mistake else list(_of_angles(measured, swing))
+        found += _of_stages(trial, run, trial.known, rmse, float(swing.std()), compared=compared)
+        yield from found or ([] if mistake or lengths else [UNEXPLAINED])
 
 
 def _of_lengths(mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:

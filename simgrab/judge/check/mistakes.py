@@ -219,15 +219,15 @@ def _of_offset(fits: _Fits, offset: Array, per_m: Array, *, rope_known: bool) ->
     applied = fits.factor(offset * per_m, _applied(f"the camera's horizontal offset of {across:.2f} m"))
     if np.sqrt(np.mean(np.sum(fits.swing**2, axis=1))) < LEAST_SWING * across * per_m.mean():
         return applied
-    usual = fits.factor((offset[:, ::-1] - offset) * per_m, exchanged, 1.5), fits.factor(offset * per_m, share)
-    found = [(applied, CLEARLY), *zip(usual, (CLEARLY, AS_GOOD), strict=True)]
+    swapped = fits.factor((offset[:, ::-1] - offset) * per_m, exchanged, 1.5)
+    found = [(applied, CLEARLY), (swapped, CLEARLY), (fits.factor(offset * per_m, share), AS_GOOD)]
     if np.ptp(offset, axis=0).max() < SAME_M:
         least = fits.explain(lambda x: x * per_m, np.full(2, 1e-3), np.zeros(2), other)
         found.append((least._replace(any_offset=True), AS_GOOD))
     best = min(one.rms for one, _ in found)
     fitting = [one for one, most in found if one.text and one.rms <= most * best]
     chosen = min(fitting, key=lambda one: one.fitted, default=found[-1][0])  # a tilt beside an offset explains much
-    alike = [one for one in (applied, usual[0]) if one.text and one.rms < CLEARLY * chosen.rms]
+    alike = [one for one in (applied, swapped) if one.text and one.rms < CLEARLY * chosen.rms]
     if not any(one is chosen for one in alike):
         return chosen
     return chosen._replace(text=", or ".join(one.text for one in alike))

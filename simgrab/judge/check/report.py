@@ -62,9 +62,7 @@ class Outcome:
         if self.trial is None or not failed:
             return ""
         compared = any(verdict.reference is not None for verdict in failed)
-        found = " ".join(causes(self.trial, [verdict.what for verdict in failed], compared=compared, meets=self.meets))
-        measured = self.trial.evaluation is not None and any(one.what.startswith("angle.") for one in failed)
-        return found or ("No single mistake was found that explains the errors of the angle." if measured else "")
+        return " ".join(causes(self.trial, [verdict.what for verdict in failed], compared=compared, meets=self.meets))
 
     def meets(self, metrics: Metrics) -> bool:
         """Whether all failed verdicts on these metrics, one at least, would pass with them."""
