@@ -10,7 +10,7 @@ from simgrab.errors import DetectorError
 from simgrab.instrument import detect
 from simgrab.instrument.detect import WEIGHTS, GrabDetector, Yolo, detector
 from simgrab.instrument.detect.boxes import covered, iou
-from simgrab.instrument.detect.grab import POSE, Settings, mean, peaks, read
+from simgrab.instrument.detect.grab import POSE, Settings, peaks, read
 from simgrab.instrument.detect.patches import GREY, Patch, around, cut, cut_crop, whole
 from simgrab.instrument.net import KEY, open_net
 
@@ -93,17 +93,15 @@ def test_peaks_lie_apart_and_come_hottest_first():
 
 
 def test_reading_the_pose_is_exact():
-    out = np.zeros((1, 16), np.float32)
-    out[0, :6] = [0.25, 0.25, 0.75, 0.5, 0.5, 0.4]
-    out[0, 6:12] = np.log(0.01)
-    out[0, 12:14] = np.cos(2.4), np.sin(2.4)
-    poses = read(out, [Patch(100, 200, 300, 400)], 1920, 1080)
-    np.testing.assert_allclose(poses.boxes, [[150, 250, 250, 300]], atol=1e-4)
-    np.testing.assert_allclose(poses.centres, [[200, 280]], atol=1e-4)
-    np.testing.assert_allclose(poses.box_sd, np.sqrt(2) * 2, rtol=1e-5)
-    np.testing.assert_allclose(poses.yaw, 1.2, atol=1e-6)
-    assert poses.presence[0] == 0
-    assert read(out, [Patch(-200, 200, 0, 400)], 1920, 1080).boxes[0, 0] == 0  # clipped to the picture
+    out = np.zeros(16)
+    out[:6] = [0.25, 0.25, 0.75, 0.5, 0.5, 0.4]
+    out[6:12] = np.log(0.01)
+    out[12:14] = np.cos(2.4), np.sin(2.4)
+    pose = read(out, Patch(100, 200, 300, 400))
+    np.testing.assert_allclose(pose.places, [150, 250, 250, 300, 200, 280], atol=1e-4)
+    np.testing.assert_allclose(pose.sd, np.sqrt(2) * 2, rtol=1e-5)
+    assert pose.yaw == pytest.approx(1.2)
+    assert pose.presence == 0
 
 
 def bright(size=(1080, 1920), at=(700, 400), half=24):  # fills the cell of the coarse map in whose middle it lies
@@ -117,48 +115,43 @@ def test_the_detector_combines_its_nets(tmp_path):
     found, logits = detector(hand_made(tmp_path, yaw=np.pi / 2, calibration=calibration)).examine(bright())
     assert found.found
     np.testing.assert_allclose(logits, [3.0, 4.0], atol=1e-5)
-    # The coarse net gives 20 of 384 px each way, 100 px, and the pose net 0.3 of its crop: of the last one here.
-    half = 0.3 * Settings().room * 200
+    # The coarse net gives 20 of 384 px each way, 100 px, and the pose net 0.3 of its crop: of the closer one twice.
+    first = Settings().room * 200
+    half = 0.3 * first
     side = around([700 - half, 400 - half, 700 + half, 400 + half], Settings().close).size[0]
-    np.testing.assert_allclose(found.box, np.array([700, 400] * 2) + 0.3 * side * np.array([-1, -1, 1, 1]), atol=0.01)
+    mean_side = (first + 2 * side) / 3
+    np.testing.assert_allclose(
+        found.box, np.array([700, 400] * 2) + 0.3 * mean_side * np.array([-1, -1, 1, 1]), atol=0.01
+    )
     np.testing.assert_allclose(found.centre, [700, 400], atol=0.01)
     assert found.yaw == pytest.approx(np.pi / 2)
     assert found.score == pytest.approx(1 / (1 + np.exp(-3.5)))
-    np.testing.assert_allclose(found.box_sd_px, 3 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
-    np.testing.assert_allclose(found.centre_sd_px, 2 * np.sqrt(2) * np.exp(-4) * side, rtol=1e-4)
+    sd, apart = np.sqrt(2) * np.exp(-4) * mean_side, 0.3 * (first - side)
+    np.testing.assert_allclose(found.box_sd_px, 3 * (sd + apart / 2), rtol=1e-3)
+    np.testing.assert_allclose(found.centre_sd_px, 2 * sd, rtol=1e-3)
     assert found.yaw_sd == pytest.approx(1.5 * np.sqrt(2) * np.exp(-3) / 2)
     assert GrabDetector(tmp_path).settings == Settings(least_heat=0.2)
 
 
-def test_a_crop_and_its_mirror_image_that_contradict_each_other_are_unsure(tmp_path):
+def test_crops_that_contradict_each_other_are_unsure(tmp_path):
     """This net gives every crop the same yaw, so that of the mirror image is a quarter turn off."""
     assert detector(hand_made(tmp_path, yaw=np.pi / 4))(bright()).yaw is None
-    one, other = np.zeros(16), np.zeros(16)
-    one[6:12] = other[6:12] = np.log(0.01)
-    one[12] = other[12] = 1.0
-    other[4] = 0.1
-    poses = read(mean(one, other)[None], [Patch(0, 0, 100, 100)], 100, 100)
-    np.testing.assert_allclose(poses.centres, [[5, 0]])
-    np.testing.assert_allclose(poses.centre_sd, [[np.sqrt(2) * (1 + 5), np.sqrt(2) * 1]], rtol=1e-6)
 
 
-def test_the_mirror_image_of_a_picture_gives_the_mirror_image_of_the_pose():
+def test_the_mirror_image_of_a_crop_gives_the_same_pose():
     """By what is shown, and by where in the picture it is shown."""
     rng = np.random.default_rng(0)
     picture = cv2.resize(rng.integers(0, 255, (30, 40, 3), np.uint8), (640, 480), interpolation=cv2.INTER_CUBIC)
-    made = GrabDetector(WEIGHTS)
-    box = np.array([100.0, 80.0, 160.0, 180.0])
-
-    def mirrored(box):
-        return [640, 0, 640, 0] + box[[2, 1, 0, 3]] * [-1, 1, -1, 1]
-
+    made, box = GrabDetector(WEIGHTS), np.array([100.0, 80.0, 160.0, 180.0])
     one = made.pose(picture, box, 1.4, mirrored=True)
-    other = made.pose(np.ascontiguousarray(picture[:, ::-1]), mirrored(box), 1.4, mirrored=True)
-    np.testing.assert_allclose(other.boxes[0], mirrored(one.boxes[0]), atol=0.01)
-    np.testing.assert_allclose(other.centres[0], [640, 0] + one.centres[0] * [-1, 1], atol=0.01)
-    np.testing.assert_allclose(other.box_sd[0], one.box_sd[0, [2, 1, 0, 3]], rtol=1e-3)
-    np.testing.assert_allclose(np.tan(other.yaw), -np.tan(one.yaw), atol=1e-3)
-    np.testing.assert_allclose(other.presence, one.presence, atol=1e-3)
+    other = made.pose(
+        np.ascontiguousarray(picture[:, ::-1]), [640, 0, 640, 0] + box[[2, 1, 0, 3]] * [-1, 1, -1, 1], 1.4
+    )
+    there = [640, 0, 640, 0, 640, 0] + other.places[[2, 1, 0, 3, 4, 5]] * [-1, 1, -1, 1, -1, 1]
+    np.testing.assert_allclose(one.places, there, atol=0.01)
+    np.testing.assert_allclose(one.sd, other.sd[[2, 1, 0, 3, 4, 5]], rtol=1e-3)
+    np.testing.assert_allclose(np.tan(one.yaw), -np.tan(other.yaw), atol=1e-3)
+    assert one.presence == pytest.approx(other.presence, abs=1e-3)
 
 
 @pytest.mark.parametrize(("presence", "tried"), [(3.0, 1), (-3.0, 2)])

@@ -2,9 +2,9 @@
 
 The coarse net proposes boxes in the shrunken picture. The pose net gets a crop of the whole picture around each of the
 best few, with its surroundings, until one is clearly the grab, and predicts whether it is, its box, centre and yaw, and
-how sure each is. Of the best one it gets a closer crop too, in which a pixel of the picture is larger, as it is and
-mirrored, and the mean of both outputs counts, the less sure the more they differ. The presence is a logistic regression
-on the scores of both nets: the coarse one's heat, and the closer crop's.
+how sure each is. Of the best one it gets a closer crop too, mirrored, in which a pixel of the picture is larger; the
+mean counts, the closer crop twice, and is the less sure the more both differ. The presence is a logistic regression on
+the scores of both nets: the coarse one's heat, and that mean of the pose net's.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _MAPS: Shapes = (_MAP, (4, *_MAP))
 _ROWS: Shapes = ((16,),)
 _LEAST_SIDE = 8.0  # px of the picture, of a box
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
-_TINY = 1e-9
+_CLOSER = 2 / 3  # weight of the closer crop
 MOST_YAW_SD = math.pi / 2 / 1.96  # beyond it the interval of 95 % is a quarter turn each way: every direction
 
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
@@ -97,8 +97,8 @@ class Calibration(Checked, frozen=True):
     Attributes
     ----------
     slope, heat, offset : float
-        The presence is the logistic function of ``slope`` times the net's logit for the closer crop, plus ``heat``
-        times the logit of the candidate's heat, plus ``offset`` (Platt 1999, here with two scores).
+        The presence is the logistic function of ``slope`` times the net's mean logit, plus ``heat`` times the logit of
+        the candidate's heat, plus ``offset`` (Platt 1999, here with two scores).
     box, centre, yaw : float
         Factors of the stated standard deviations.
     """
@@ -113,7 +113,7 @@ class Calibration(Checked, frozen=True):
     yaw: Factor = 1.0
 
     def presence(self, logits: Array) -> float:
-        """Probability that the grab is there, from the logits of the closer crop and of the candidate's heat, (2,)."""
+        """Probability that the grab is there, from the pose net's logit and that of the candidate's heat, (2,)."""
         return _logistic(float(logits @ [self.slope, self.heat]) + self.offset)
 
 
@@ -131,28 +131,31 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
-    """Outputs of the pose net for n crops.
+class Pose:
+    """Output of the pose net for a crop.
 
     Attributes
     ----------
-    boxes, box_sd : ndarray, shape (n, 4)
-        Edges, px of the picture, and the standard deviations of each.
-    centres, centre_sd : ndarray, shape (n, 2)
-        Centre of the grab, px of the picture.
-    yaw, yaw_sd : ndarray, shape (n,)
+    places : ndarray, shape (6,)
+        Edges x0, y0, x1, y1 of the box and centre of the grab, px of the picture.
+    sd : ndarray, shape (6,)
+        Standard deviation of each.
+    yaw, yaw_sd : float
         Yaw of the grab, rad, from 0 to π.
-    presence : ndarray, shape (n,)
+    presence : float
         Logit of the probability that the grab is there.
     """
 
-    boxes: Array
-    centres: Array
-    box_sd: Array
-    centre_sd: Array
-    yaw: Array
-    yaw_sd: Array
-    presence: Array
+    places: Array
+    sd: Array
+    yaw: float
+    yaw_sd: float
+    presence: float
+
+    @property
+    def box(self) -> Array:
+        """Edges, (4,), which may lie beyond the picture."""
+        return self.places[:4]
 
 
 class GrabDetector:
@@ -198,29 +201,31 @@ class GrabDetector:
         candidates = self.candidates(picture)
         if not candidates:
             return Detection("none", "nothing found", 0.0), np.full(2, -_LIMIT)
+        height, width = picture.shape[:2]
+        limits = [width, height] * 2
         best, first = candidates[0], self.pose(picture, candidates[0].box, self.settings.room)
         for candidate in candidates[1:]:
-            if first.presence[0] > self.settings.clear:
+            if first.presence > self.settings.clear:
                 break
             other = self.pose(picture, candidate.box, self.settings.room)
-            if other.presence[0] > first.presence[0]:
+            if other.presence > first.presence:
                 best, first = candidate, other
-        near, own = self.pose(picture, first.boxes[0], self.settings.close, mirrored=True), self.calibration
-        logits = np.array([near.presence[0], best.logit])
+        near = self.pose(picture, np.clip(first.box, 0, limits), self.settings.close, mirrored=True)
+        pose, own = mean(first, near), self.calibration
+        logits = np.array([pose.presence, best.logit])
         presence = own.presence(logits)
-        height, width = picture.shape[:2]
         if presence < self.settings.least_presence:
             x0, y0, x1, y1 = best.box
             cut_off = min(x0, y0) <= 0 or x1 >= width or y1 >= height
             why = "what the image edge cuts is not clearly a grab" if cut_off else "it looks like something else"
             return Detection("none", f"{why} (presence {presence:.2f})", presence), logits
-        yaw, yaw_sd = float(near.yaw[0]), float(near.yaw_sd[0]) * own.yaw
+        yaw_sd = pose.yaw_sd * own.yaw
         turned = yaw_sd < MOST_YAW_SD  # the tines of an orange-peel grab look alike
         found = Detection(
             status="found", reason="", score=presence,
-            box=np.clip(_sound(near.boxes[0]), 0, [width, height] * 2), centre=near.centres[0],
-            yaw=yaw if turned else None, box_sd_px=near.box_sd[0] * own.box,
-            centre_sd_px=near.centre_sd[0] * own.centre, yaw_sd=yaw_sd if turned else None,
+            box=np.clip(_sound(pose.box), 0, limits), centre=pose.places[4:],
+            yaw=pose.yaw if turned else None, box_sd_px=pose.sd[:4] * own.box,
+            centre_sd_px=pose.sd[4:] * own.centre, yaw_sd=yaw_sd if turned else None,
         )  # fmt: skip
         return found, logits
 
@@ -239,18 +244,12 @@ class GrabDetector:
         enough = max(self.settings.least_heat, self.settings.rivals * found[0].heat) if found else 0.0
         return [candidate for candidate in found if candidate.heat >= enough][: self.settings.candidates]
 
-    def pose(self, picture: Picture, box: Array, room: float, *, mirrored: bool = False) -> Poses:
-        """Run the pose net on a crop around a box (4,), px, of ``room`` times its longer side.
-
-        With ``mirrored``, also on the crop's mirror image: the mean output counts.
-        """
+    def pose(self, picture: Picture, box: Array, room: float, *, mirrored: bool = False) -> Pose:
+        """Run the pose net on a crop around a box (4,), px, of ``room`` times its longer side, or on its mirror."""
         patch = around(_sound(box), room)
         crop = cut_crop(picture, patch, POSE_SIZE)
-        out = _run(self._pose, np.stack([crop, mirror(crop)]) if mirrored else crop[None], _ROWS)[0]
-        if mirrored:
-            one, other = _sane(out)
-            out = mean(one, mirrored_back(other))[None]
-        return read(out, [patch], picture.shape[1], picture.shape[0])
+        out = _sane(_run(self._pose, (mirror(crop) if mirrored else crop)[None], _ROWS)[0][0])
+        return read(mirrored_back(out) if mirrored else out, patch)
 
 
 def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8) -> list[tuple[Array, float]]:
@@ -287,36 +286,37 @@ def mirrored_back(out: Array) -> Array:
     return np.array([*places, *out[[8, 7, 6, 9, 10, 11, 12]], -out[13], *out[14:]])  # a yaw φ is π − φ there
 
 
-def mean(one: Array, other: Array) -> Array:
-    """Mean of two outputs of the pose net (16,) for the same crop: what they differ by widens their scales."""
-    result: Array = (one + other) / 2
-    result[6:12] = np.logaddexp(result[6:12], np.log(np.abs(one - other)[:6] / 2 + _TINY))
-    units = [out[12:14] / max(float(np.linalg.norm(out[12:14])), _TINY) for out in (one, other)]
-    result[12:14] = np.mean(units, axis=0)
-    apart = np.arccos(np.clip(units[0] @ units[1], -1, 1))
-    result[14] = np.logaddexp(result[14], np.log(apart / 2 + _TINY))
-    return result
+def mean(first: Pose, near: Pose) -> Pose:
+    """Mean of the poses by both crops: what they differ by widens the standard deviations."""
+
+    def both(one: Any, other: Any) -> Any:
+        return one + _CLOSER * (other - one)
+
+    x, y = both(*(np.array([math.cos(2 * pose.yaw), math.sin(2 * pose.yaw)]) for pose in (first, near)))
+    apart = abs((near.yaw - first.yaw + math.pi / 2) % math.pi - math.pi / 2)
+    return Pose(
+        places=both(first.places, near.places),
+        sd=both(first.sd, near.sd) + np.abs(near.places - first.places) / 2,
+        yaw=math.atan2(y, x) / 2 % math.pi, yaw_sd=both(first.yaw_sd, near.yaw_sd) + apart / 2,
+        presence=both(first.presence, near.presence),
+    )  # fmt: skip
 
 
-def read(out: NDArray[np.floating], patches: list[Patch], width: int, height: int) -> Poses:
-    """Read the pose net's output (n, 16) on patches of a picture of this size."""
-    o = _sane(out)
-    corner, extent = np.stack([p.corner for p in patches]), np.stack([p.size for p in patches])
-    places = corner[:, None] + o[:, :6].reshape(-1, 3, 2) * extent[:, None]
-    boxes = np.clip(places[:, :2], 0, [width, height])
-    sd = math.sqrt(2) * np.exp(o[:, 6:12]).reshape(-1, 3, 2) * extent[:, None]  # of a Laplace distribution
-    return Poses(
-        boxes=boxes.reshape(-1, 4), centres=places[:, 2],
-        box_sd=sd[:, :2].reshape(-1, 4), centre_sd=sd[:, 2],
-        yaw=np.arctan2(o[:, 13], o[:, 12]) / 2 % np.pi, yaw_sd=math.sqrt(2) * np.exp(o[:, 14]) / 2,
-        presence=o[:, 15],
+def read(out: Array, patch: Patch) -> Pose:
+    """Read the pose net's output (16,) on a patch of the picture."""
+    sd = math.sqrt(2) * np.exp(out[6:12]).reshape(3, 2) * patch.size  # of a Laplace distribution
+    return Pose(
+        places=patch.to_picture(out[:6].reshape(3, 2)).ravel(), sd=sd.ravel(),
+        yaw=math.atan2(out[13], out[12]) / 2 % math.pi, yaw_sd=math.sqrt(2) * math.exp(out[14]) / 2,
+        presence=float(out[15]),
     )  # fmt: skip
 
 
 def _sane(out: NDArray[np.floating]) -> Array:
-    """Bound the pose net's outputs (n, 16); where one is NaN or infinite, no grab is present."""
+    """Bound the pose net's output (16,); where it holds NaN or infinity, no grab is present."""
     result = _bounded(out.astype(float), 0.0)
-    result[~np.isfinite(out).all(axis=1), 15] = -_LIMIT
+    if not np.isfinite(out).all():
+        result[15] = -_LIMIT
     return result
 
 
