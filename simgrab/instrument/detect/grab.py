@@ -3,8 +3,8 @@
 The coarse net proposes boxes in the shrunken picture. The pose net gets a crop of the whole picture around each of the
 best few, with its surroundings, until one is clearly the grab, and predicts whether it is, its box, centre and yaw, and
 how sure each is. Of the best one it gets a closer crop too, mirrored, in which a pixel of the picture is larger; the
-mean counts, the closer crop twice, and is the less sure the more both differ. The presence is a logistic regression on
-the scores of both nets: the coarse one's heat, and that mean of the pose net's.
+mean counts, of places with the closer crop twice, and is the less sure the more both differ. The presence is a logistic
+regression on the scores of both nets: the coarse one's heat, and that mean of the pose net's.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _MAPS: Shapes = (_MAP, (4, *_MAP))
 _ROWS: Shapes = ((16,),)
 _LEAST_SIDE = 8.0  # px of the picture, of a box
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
-_CLOSER = 2 / 3  # weight of the closer crop
+_CLOSER = 2 / 3  # weight of the closer crop in places
 MOST_YAW_SD = math.pi / 2 / 1.96  # beyond it the interval of 95 % is a quarter turn each way: every direction
 
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
@@ -287,7 +287,7 @@ def mirrored_back(out: Array) -> Array:
 
 
 def mean(first: Pose, near: Pose) -> Pose:
-    """Mean of the poses by both crops: what they differ by widens the standard deviations."""
+    """Mean of the poses by both crops, the closer one counting more: what they differ by widens the deviations."""
 
     def both(one: Any, other: Any) -> Any:
         return one + _CLOSER * (other - one)
@@ -298,7 +298,7 @@ def mean(first: Pose, near: Pose) -> Pose:
         places=both(first.places, near.places),
         sd=both(first.sd, near.sd) + np.abs(near.places - first.places) / 2,
         yaw=math.atan2(y, x) / 2 % math.pi, yaw_sd=both(first.yaw_sd, near.yaw_sd) + apart / 2,
-        presence=both(first.presence, near.presence),
+        presence=(first.presence + near.presence) / 2,
     )  # fmt: skip
 
 
