@@ -133,6 +133,14 @@ JUDGED = (
 DETECTOR = (*PLACES, *PHOTOGRAPHS, *NEGATIVE, *HUNG, *JUDGED)
 # The second training begins with the nets of the first one, and adds these to what is learned from.
 ADDED = ("night", *list(NEGATIVES)[2:])
+# The third begins with the nets of the second one, and learns from other frames, many of the four-rope grab; what comes
+# out lies half way, so that nothing learned before is forgotten.
+MORE = tuple(
+    replace(one, name=f"more-{one.name}", frames=one.frames // 3, quick=one.quick // 3, seed=one.seed + 200)
+    for one in sorted(DETECTOR, key=lambda one: one.name)
+    if one not in JUDGED
+)
+FOUR_ROPE = Source("four-rope", "training-large", ALL, 2400, 240, 7, {"grab": ("four-rope",)}, size=HALF)
 
 SHOWN = {"coarse": 60_000, "pose": 340_000}
 SHOWN_AFTER = {"coarse": 12_000, "pose": 160_000}
@@ -176,14 +184,18 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
 def detector(
     work: Path, *, quick: bool, workers: int, threads: int, device: str, loaders: int, without: str | None
 ) -> list[Path]:
-    """Train the detector's nets, twice, or once without a collection of shapes; returns them."""
+    """Train the detector's nets, three times, or once without a collection of shapes; returns them."""
     from simgrab.training.detector.settings import Recipes, recipes
     from simgrab.training.detector.train import NETS, train
 
-    def chosen(frames: int, *, started: bool) -> Recipes:
+    def chosen(frames: int, *, number: int) -> Recipes:
+        started = number > 0
         shown = None if quick else SHOWN_AFTER if started else SHOWN
         usual = recipes(frames, quick=quick, started=started, shown=shown, threads=threads, device=device)
-        return {net: replace(usual[net], batch=min(size, frames), average=STEADY) for net, size in BATCHES.items()}
+        return {
+            net: replace(usual[net], batch=min(size, frames), average=STEADY, seed=number // 2)
+            for net, size in BATCHES.items()
+        }
 
     prepare_collages(prepare(work / BACKGROUNDS).parent, work / COLLAGES)
     for folder, crops in NEGATIVES.items():
@@ -191,18 +203,21 @@ def detector(
     hanging_shapes.prepare(work / SHAPES)
     shutil.copytree(work / BACKGROUNDS / "photographs", work / SHAPES / "photographs", dirs_exist_ok=True)
     paths = rendered(DETECTOR, work, quick=quick, workers=workers)
-    kept = [path for path in paths if without is None or not path.name.startswith(f"{without}-")]
-    first, some = work / "detector-1", [path for path in kept if not path.name.startswith(ADDED)]
-    trainings = [(first, None, some), (work / "detector", first, kept)]
-    if without:
-        trainings = [(work / f"without-{without}", None, some)]
-    for into, start, learned in trainings:
+    some = [path for path in paths if not path.name.startswith((*ADDED, *([f"{without}-"] if without else [])))]
+    first, second, last = (work / name for name in ("detector-1", "detector-2", "detector"))
+    trainings: list[tuple[Path, Path | None, list[Path]]]
+    trainings = [(work / f"without-{without}" if without else first, None, some)]
+    if not without:
+        more = rendered((*MORE, FOUR_ROPE, *JUDGED), work, quick=quick, workers=workers)
+        trainings += [(second, first, paths), (last, second, more)]
+    for number, (into, start, learned) in enumerate(trainings):
         if (into / f"{NETS[-1]}.md").exists():  # a card is written last
             continue
         with board(shown=True) as progress:
             train(
-                learned, into, functools.partial(chosen, started=start is not None), start=start, resume=True,
+                learned, into, functools.partial(chosen, number=number), start=start, resume=True,
                 watch=progress.step, report=functools.partial(follow, progress), loaders=loaders,
+                share=0.5 if number == 2 else 1.0,
             )  # fmt: skip
     return [trainings[-1][0] / f"{name}.onnx" for name in NETS]
 

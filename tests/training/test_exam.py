@@ -19,7 +19,7 @@ EXAMS = [name for name in scenes.names() if name.startswith("exam-")]
 FAMILIES = ("scissors", "large", "known")
 WEATHERS = ("calm", "windy", "night-snow", "heavy-snow", "rain", "fog-dust", "glare")
 LEARNED = ("training", "training-shapes", "training-large")
-SOURCES = (*build_weights.DETECTOR, build_weights.READER)
+SOURCES = (*build_weights.DETECTOR, build_weights.FOUR_ROPE, build_weights.READER)
 LEAST_APART = 0.15  # of two paints, in RGB's cube of side 1
 
 load = cache(scenes.load)
@@ -43,7 +43,7 @@ def cargoes(scene: Scenario) -> set[str]:
 def test_there_is_an_exam_for_each_weather():
     assert set(EXAMS) == {f"exam-{name}" for name in (*WEATHERS, *(f"family-{family}" for family in FAMILIES))}
     assert len({load(name).seed for name in EXAMS} | {load("training").seed}) == len(EXAMS) + 1
-    learned = {source.seed for source in SOURCES}
+    learned = {source.seed for source in (*SOURCES, *build_weights.MORE)}
     assert not {load(name).seed for name in EXAMS} & learned  # a seed draws the same worlds in any scene
 
 

