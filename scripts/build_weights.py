@@ -188,14 +188,12 @@ def detector(
     from simgrab.training.detector.settings import Recipes, recipes
     from simgrab.training.detector.train import NETS, train
 
-    def chosen(frames: int, *, number: int) -> Recipes:
-        started = number > 0
+    def chosen(frames: int, *, started: bool, seed: int) -> Recipes:
         shown = None if quick else SHOWN_AFTER if started else SHOWN
-        usual = recipes(frames, quick=quick, started=started, shown=shown, threads=threads, device=device)
-        return {
-            net: replace(usual[net], batch=min(size, frames), average=STEADY, seed=number // 2)
-            for net, size in BATCHES.items()
-        }
+        usual = recipes(
+            frames, quick=quick, started=started, shown=shown, threads=threads, device=device, average=STEADY, seed=seed
+        )
+        return {net: replace(usual[net], batch=min(size, frames)) for net, size in BATCHES.items()}
 
     prepare_collages(prepare(work / BACKGROUNDS).parent, work / COLLAGES)
     for folder, crops in NEGATIVES.items():
@@ -203,21 +201,24 @@ def detector(
     hanging_shapes.prepare(work / SHAPES)
     shutil.copytree(work / BACKGROUNDS / "photographs", work / SHAPES / "photographs", dirs_exist_ok=True)
     paths = rendered(DETECTOR, work, quick=quick, workers=workers)
-    some = [path for path in paths if not path.name.startswith((*ADDED, *([f"{without}-"] if without else [])))]
+    kept = [path for path in paths if without is None or not path.name.startswith(f"{without}-")]
+    some = [path for path in kept if not path.name.startswith(ADDED)]
     first, second, last = (work / name for name in ("detector-1", "detector-2", "detector"))
-    trainings: list[tuple[Path, Path | None, list[Path]]]
-    trainings = [(work / f"without-{without}" if without else first, None, some)]
-    if not without:
-        more = rendered((*MORE, FOUR_ROPE, *JUDGED), work, quick=quick, workers=workers)
-        trainings += [(second, first, paths), (last, second, more)]
-    for number, (into, start, learned) in enumerate(trainings):
+    # Where to, what the nets begin with, what is learned from, the seed, and the share of the trained weights.
+    trainings: list[tuple[Path, Path | None, list[Path], int, float]]
+    if without:
+        trainings = [(work / f"without-{without}", None, some, 0, 1.0)]
+    else:
+        more = rendered((*MORE, FOUR_ROPE), work, quick=quick, workers=workers) + paths[-len(JUDGED) :]
+        trainings = [(first, None, some, 0, 1.0), (second, first, paths, 0, 1.0), (last, second, more, 1, 0.5)]
+    for into, start, learned, seed, share in trainings:
         if (into / f"{NETS[-1]}.md").exists():  # a card is written last
             continue
         with board(shown=True) as progress:
             train(
-                learned, into, functools.partial(chosen, number=number), start=start, resume=True,
-                watch=progress.step, report=functools.partial(follow, progress), loaders=loaders,
-                share=0.5 if number == 2 else 1.0,
+                learned, into, functools.partial(chosen, started=start is not None, seed=seed), start=start,
+                share=share, resume=True, watch=progress.step, report=functools.partial(follow, progress),
+                loaders=loaders,
             )  # fmt: skip
     return [trainings[-1][0] / f"{name}.onnx" for name in NETS]
 

@@ -98,11 +98,12 @@ def test_another_network_is_refused(tmp_path, files):
         begun(Coarse, tmp_path / "coarse.onnx", smooth(2, SHAPES["coarse"]))
 
 
+def weights(path):
+    return {one.name: numpy_helper.to_array(one).astype(float) for one in onnx.load(path).graph.initializer}
+
+
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
 def test_weights_are_mixed_by_a_share(share, tmp_path, files):
-    def weights(path):
-        return {one.name: numpy_helper.to_array(one).astype(float) for one in onnx.load(path).graph.initializer}
-
     path, first = tmp_path / "coarse.onnx", files / "coarse.onnx"
     torch.manual_seed(3)
     example = torch.zeros((1, *SHAPES["coarse"]), dtype=torch.uint8)
@@ -118,6 +119,16 @@ def test_weights_are_mixed_by_a_share(share, tmp_path, files):
 
 def tiny(frames):
     return settings.recipes(frames, started=True, epochs=1, half=False, threads=1)
+
+
+@bundled
+def test_of_a_training_its_share_is_written(dataset, tmp_path):
+    train([dataset], tmp_path / "out", tiny, start=WEIGHTS, share=0.0)
+    for name in NETS:
+        now, then = (weights(folder / f"{name}.onnx") for folder in (tmp_path / "out", WEIGHTS))
+        assert now.keys() == then.keys()
+        for key, value in now.items():
+            np.testing.assert_array_equal(value, then[key])
 
 
 @bundled

@@ -80,7 +80,8 @@ def train(
     start : path, optional
         Folder of a trained detector whose weights the nets begin with, instead of those of ImageNet.
     share : float
-        With ``start``, of the trained weights in those that are written; the rest are of ``start``.
+        With ``start``, of the trained weights in those that are written; the rest are of ``start``. Figures of a net
+        alone are of the trained ones.
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
     watch, report : callable, optional
@@ -163,6 +164,12 @@ def fit(
     ]
     trained: dict[str, loop.Trained] = {}
 
+    def write(net: torch.nn.Module, example: torch.Tensor, outputs: list[str], path: Path, facts: Any) -> None:
+        """Write a net's file, with its share of the trained weights."""
+        export(net, example, "pictures", outputs, path, facts, key=KEY, halves=True)
+        if start is not None and share < 1:
+            mix(path, Path(start) / path.name, share)
+
     def learn(name: str, kind: type[Coarse | Pose], task: loop.Task, taken: str) -> torch.nn.Module:
         """Train a net."""
         build: Callable[[], torch.nn.Module] = functools.partial(pretrained, kind)
@@ -177,8 +184,7 @@ def fit(
 
     found = learn("coarse", Coarse, coarse.CoarseTask(*small), "pictures")
     example = torch.zeros((1, COARSE_HEIGHT, COARSE_WIDTH, 3), dtype=torch.uint8)
-    write = functools.partial(export, key=KEY, halves=True)
-    write(found, example, "pictures", ["heat", "reach"], out / "coarse.onnx", {"task": COARSE})
+    write(found, example, ["heat", "reach"], out / "coarse.onnx", {"task": COARSE})
 
     key = sha256(out / "coarse.onnx")[:16]
     crops = [
@@ -191,14 +197,8 @@ def fit(
     digest += key
     last = learn("pose", Pose, pose.PoseTask(*crops), "crops")
     example = torch.zeros((1, POSE_SIZE, POSE_SIZE, POSE_CHANNELS), dtype=torch.uint8)
+    write_pose = functools.partial(write, last, example, ["pose"])
 
-    def write_pose(path: Path, facts: dict[str, Any]) -> None:
-        write(last, example, "pictures", ["pose"], path, facts)
-        if start is not None and share < 1:
-            mix(path, Path(start) / "pose.onnx", share)
-
-    if start is not None and share < 1:
-        mix(out / "coarse.onnx", Path(start) / "coarse.onnx", share)
     facts: dict[str, Any] = {"task": POSE}
     with scratch(out / "pose.onnx") as draft:  # a folder with pose.onnx in it is a detector, settings and all
         shutil.copyfile(out / "coarse.onnx", draft / "coarse.onnx")
