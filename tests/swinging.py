@@ -16,7 +16,7 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Swinging:
-    """A record of n frames: true times, pixels (n, 2), rope lengths, swings (rad), and the camera as it is known.
+    """A record of n frames: true times, pixels (n, 2), rope lengths, swings and their directions (rad), and the camera.
 
     ``jib`` (n, 2) holds slew angle, rad, and radius, m.
     """
@@ -25,6 +25,7 @@ class Swinging:
     pixels: np.ndarray
     rope: np.ndarray
     alpha: np.ndarray
+    direction: np.ndarray
     beta: np.ndarray
     jib: np.ndarray
     calibration: Calibration
@@ -53,6 +54,7 @@ def _made(scene, changes):
         camera.intrinsics.project(to_camera(centres, rotations, np.asarray(camera.offset_m))),
         np.array([m.grab.rope_length for m in moments]),
         np.array([m.grab.alpha for m in moments]),
+        np.arctan2(centres[:, 1], centres[:, 0]),
         np.array([m.tilt.beta for m in moments]),
         np.array([(m.jib.slew, m.jib.radius) for m in moments]),
         calibration_of(scenario),

@@ -108,8 +108,9 @@ def forecasts(
 
 
 def measurements(
-    record: RecordArrays, alpha: Array, ends: Array, refused: str = "", ahead: Forecast | None = None
-) -> tuple[Measurement, ...]:
+    record: RecordArrays, alpha: Array, ends: Array, refused: str = "", ahead: Forecast | None = None,
+    swing: Array | None = None,
+) -> tuple[Measurement, ...]:  # fmt: skip
     """Make a measurement of every frame: its swing, or why there is none.
 
     Parameters
@@ -121,22 +122,23 @@ def measurements(
     refused : str
         Reason for frames that lack an angle although no input was missing.
     ahead : Forecast, optional
+    swing : ndarray, shape (n, 2), optional
+        Horizontal part of the unit direction OA, jib frame.
     """
     danger = alarm.probability(alpha, *ends.T)
+    direction = np.full(len(alpha), np.nan) if swing is None else np.arctan2(swing[:, 1], swing[:, 0])
     names = [] if ahead is None else list(vars(ahead))
     next_s = np.array([getattr(ahead, name) for name in names]).T if names else np.empty((len(alpha), 0))
-    rows = zip(record.observations, alpha, ends, danger, record.rope_length, record.jump, next_s, strict=True)
+    of_frames = record.observations, alpha, ends, direction, danger, record.rope_length, record.jump, next_s.tolist()
     return tuple(
-        _measurement(
-            s, a, e, p, rope, jump, refused, dict(zip(names, f.tolist(), strict=True)) if np.isfinite(f).all() else {}
-        )
-        for s, a, e, p, rope, jump, f in rows
+        _measurement(*row, refused=refused, ahead=dict(zip(names, f, strict=True)) if np.isfinite(f).all() else {})
+        for *row, f in zip(*of_frames, strict=True)
     )
 
 
 def _measurement(
-    s: Observation, alpha: float, ends: Array, danger: float, rope: float, jump: bool, refused: str,
-    ahead: dict[str, float],
+    s: Observation, alpha: float, ends: Array, direction: float, danger: float, rope: float, jump: bool, *,
+    refused: str, ahead: dict[str, float],
 ) -> Measurement:  # fmt: skip
     status, reason = _status(s, bool(np.isfinite(alpha)), bool(np.isfinite(rope)), bool(jump), refused)
     ok = status == "ok"
@@ -144,6 +146,7 @@ def _measurement(
     return Measurement(
         status=status, reason=reason, alpha=float(alpha) if ok else None,
         alpha_low=float(ends[0]) if stated else None, alpha_high=float(ends[1]) if stated else None,
+        direction=float(direction) if ok and np.isfinite(direction) else None,
         danger=float(danger) if ok else None, box=s.box, score=s.score, centre=s.centre, centre_sd=s.centre_sd,
         rope_text=s.rope_text, rope_status="jump" if jump else s.rope_status,
         rope_length_m=float(rope) if np.isfinite(rope) else None, **(ahead if ok else {}),

@@ -60,6 +60,8 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
         Swing angle: between the rope and gravity; None unless ok.
     alpha_low, alpha_high : float or None
         Ends of its 95 % interval.
+    direction : float or None
+        Where the grab swings to: 0 towards the top of the picture, π/2 towards its left, as ``offset_m``; from -π to π.
     danger : float or None
         Probability that the swing exceeds 10°.
     warning : float or None
@@ -91,6 +93,7 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     alpha: Annotated[float, Meta(ge=0)] | None = None
     alpha_low: float | None = None
     alpha_high: float | None = None
+    direction: Annotated[float, Meta(ge=-math.pi, le=math.pi)] | None = None
     danger: Annotated[float, Meta(ge=0, le=1)] | None = None
     warning: Annotated[float, Meta(ge=0, le=1)] | None = None
     peak: float | None = None

@@ -248,10 +248,10 @@ class Pipeline:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
         ahead_s = None
-        if estimate is None or not moving(estimator):
-            # Forecasts rest on the tilt of all of the record, but on no later frames.
+        still = estimate is None or not moving(estimator)
+        if still:  # forecasts rest on the tilt of all of the record, but on no later frames
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
-        measured = angles.measurements(record, alpha, ends, ahead=ahead_s)
+        measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=swing if still else None)
         return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
 
     def _calibrated(self, time: Array | None) -> Array | None:
@@ -307,7 +307,8 @@ class Pipeline:
             if controller is not None and self.feed is not None and self.feed.states_motion:
                 reported = controller.jib_motion(at)[None]
             ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px, reported)
-            (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s)
+            fixed = swing if tracker is None else None
+            (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s, fixed)
             watch.frame(frame, measured)
             if self.feed is not None:
                 watch.controller(at, controller, self.feed)

@@ -227,6 +227,19 @@ def test_a_live_record_ends_where_the_whole_one_does(crane):
     assert rms(found - np.degrees(crane.alpha)) < 0.5
 
 
+def test_the_direction_of_the_swing_is_that_of_the_grab_from_below_the_rope_exit(crane):
+    observations = crane.observations()
+    said = Scripted(observations)
+    live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), crane.calibration)]
+    for measured in (live, made().conclude(observations, crane.calibration).measurements):
+        found = np.array([np.nan if m.direction is None else m.direction for m in measured])
+        some = (crane.alpha > np.radians(3)) & np.isfinite(found)
+        assert some.sum() > 100
+        assert np.median(np.abs(np.angle(np.exp(1j * (found - crane.direction)[some])))) < np.radians(2)
+    moving = made(controller=controller(crane.time, crane.jib)).conclude(observations, crane.calibration)
+    assert {m.direction for m in moving.measurements} == {None}  # of a camera that moves
+
+
 def test_a_live_record_takes_the_controllers_rope(crane):
     few, camera = crane.observations(1.0)[:200], msgspec.structs.replace(crane.calibration, digit_layout=None)
     data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003)

@@ -253,7 +253,9 @@ def test_lengths_of_earlier_frames_are_named():
     lengths = 15 + 5 * np.sin(time)
     read = np.roll(lengths, 4) + np.random.default_rng(1).normal(0, 0.01, FRAMES)
     read[:4] = np.nan
-    assert of_rope(read, lengths, time).text == "Rope lengths are those of 4 frames (0.40 s) before theirs"
+    text = "Rope lengths are those of 4 frames (0.40 s) before theirs"
+    assert of_rope(read, lengths, time).text == text
+    assert of_rope(read, lengths, time, lag_s=0.3).text == f"{text}, of which 0.3 s are the display's own delay"
     assert of_rope(lengths - 3.0, lengths, time).text == "Rope lengths are 3.00 m too short"
     drawn = np.random.default_rng(0).normal(20, 4, FRAMES)
     assert of_rope(np.roll(drawn, 1), drawn).text == "Rope lengths are those of 1 frame before theirs"

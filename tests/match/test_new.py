@@ -63,7 +63,7 @@ def test_an_option_without_effect_is_named(tmp_path):
     listed = ["--camera", "2143", "--lens", 4]
     scene, out = new(tmp_path / "a.toml", *listed, "--sensor", "1/1.8")
     f_px = scene.camera.focal.focal_length_px
-    assert f"a focal length of {f_px:.0f} px, as Hikvision DS-2CD2143G2-I" in out
+    assert f"warning: the focal length is {f_px:.0f} px, as Hikvision DS-2CD2143G2-I" in out
     assert "as IMX347, 4 mm, would have 1379 px" in out
     assert "no effect beside" not in out
     assert "--sensor: no effect beside --camera" in new(tmp_path / "b.toml", "--camera", 2143, "--sensor", "1/3")[1]
@@ -116,7 +116,7 @@ def test_a_camera_beside_the_jib_head_varies_without_touching_it(offset, around,
 
 def test_a_rope_that_is_near_the_lens_is_stated(tmp_path):
     _, out = new(tmp_path / "port.toml", "--offset=-0.15,-0.55,-0.2")
-    assert "a rope hangs 0.06 m from the lens" in out
+    assert "warning: --offset: a rope hangs 0.06 m from the lens" in out
 
 
 @pytest.mark.parametrize("grab", [*GRABS, "drum.glb"])

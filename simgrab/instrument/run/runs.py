@@ -142,7 +142,7 @@ def rows(run: Run) -> list[dict[str, Any]]:
 def _row(m: Measurement) -> dict[str, Any]:
     plain: dict[str, Any] = {"status": m.status, "reason": encodable(m.reason)}
     plain |= {f"{name}_deg": _degrees(getattr(m, name)) for name in _ANGLES}
-    plain |= {"danger": m.danger, "score": m.score}
+    plain |= {"direction_deg": _degrees(m.direction), "danger": m.danger, "score": m.score}
     for name, columns in _PARTS.items():
         plain |= dict(zip(columns, getattr(m, name) or (None,) * len(columns), strict=True))
     rope_text = None if m.rope_text is None else encodable(m.rope_text)
@@ -157,9 +157,9 @@ def _degrees(value: float | None) -> float | None:
 
 def _measurement(row: dict[str, Any]) -> Measurement:
     plain = {name: row[name] for name in (*_TEXT, "danger", "score", "rope_length_m")}
-    plain |= {name: row.get(name) for name in ("warning", "peak_in_s")}  # older runs have no forecast
-    for name in (*_ANGLES, *_PEAK):
-        value = row.get(f"{name}_deg") if name in _PEAK else row[f"{name}_deg"]
+    plain |= {name: row.get(name) for name in ("warning", "peak_in_s")}  # an instrument's own table may lack them
+    for name in (*_ANGLES, "direction", *_PEAK):
+        value = row[f"{name}_deg"] if name in _ANGLES else row.get(f"{name}_deg")
         plain[name] = None if value is None else math.radians(value)
     for name, columns in _PARTS.items():
         part = tuple(row[column] for column in columns)

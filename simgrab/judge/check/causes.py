@@ -56,7 +56,7 @@ def causes(
         worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
         yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
     read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
-    wrong = of_rope(read, trial.known.rope_length, run.time)
+    wrong = of_rope(read, trial.known.rope_length, run.time, lag_s=trial.dataset.scenario.display.lag_s)
     lengths = [] if wrong is None else list(_of_lengths(wrong, run, trial.known, meets))
     yield from lengths
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):

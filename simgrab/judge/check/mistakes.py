@@ -246,8 +246,11 @@ def _level(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))[:, :2]
 
 
-def of_rope(read: Array, true: Array, time: Array | None = None) -> Mistake | None:
-    r"""Find by which factor, constant or delay the lengths \|OA\| (n,), m, of a pipeline err; None if by none."""
+def of_rope(read: Array, true: Array, time: Array | None = None, *, lag_s: float = 0.0) -> Mistake | None:
+    r"""Find by which factor, constant or delay the lengths \|OA\| (n,), m, of a pipeline err; None if by none.
+
+    ``lag_s`` is how old the displayed lengths are themselves, which is a part of a delay.
+    """
     known = np.isfinite(read) & np.isfinite(true)
     if known.sum() < FEWEST:
         return None
@@ -256,7 +259,9 @@ def of_rope(read: Array, true: Array, time: Array | None = None) -> Mistake | No
     found = (
         Mistake(f"Rope lengths are {factor:.3g} times the true ones", read / (factor or 1.0) - true),
         Mistake(f"Rope lengths are {abs(constant):.2f} m too {side}", read - constant - true),
-        _late("Rope lengths", read, true, time),
+        late := _late("Rope lengths", read, true, time),
     )
     best = min(found, key=lambda one: one.rms)
+    if best is late and lag_s and time is not None and late.text.endswith("before theirs"):
+        best = late._replace(text=f"{late.text}, of which {lag_s:g} s are the display's own delay")
     return best if best.rms < ROPE_SHARE * Mistake("", read - true).rms else None

@@ -103,6 +103,7 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
             scene = scenes.load(draft)
         size = _size_of_model(scene.grab) if 'model = "mesh"' in text else []
     for line in (
+        *(f"warning: {line}" for line in answers.warnings),
         *(f"assumed: {line}" for line in answers.assumed),
         *(f"grab.file: {line}" for line in size),
         *([f"first: simgrab grab check {file} shows whether the 3-D model's size and axes are right"] if size else ()),
@@ -156,12 +157,13 @@ def _size_of_model(grab: Grab) -> list[str]:
 
 
 class _Answers:
-    """What the user says, by option or when asked; `assumed` collects what nobody said."""
+    """What the user says, by option or when asked; `assumed` collects the rest, `warnings` what may be wrong."""
 
     def __init__(self, given: Mapping[str, str | None], *, ask: bool) -> None:
         self._given, self._ask = given, ask
         self._unread = [name for name, text in given.items() if text is not None]
         self.assumed: list[str] = []
+        self.warnings: list[str] = []
 
     def __contains__(self, name: str) -> bool:
         return self._given[name] is not None
@@ -271,14 +273,14 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
     name += f": {across:.0f} x {data_sheets.vertical_deg(width, height, across, c):.0f} degrees"
     if listed and not 0.97 * min(listed.values()) < across < 1.03 * max(listed.values()):
         others = ", ".join(f"{one} {degrees:.0f}" for one, degrees in listed.items())
-        answers.assumed.append(
+        answers.warnings.append(
             f"cameras of this picture size and lens have other degrees across: {others}; see --camera"
         )
     if len(fov) < 2:
         answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses")
     if fov and "sensor" in answers and "lens" in answers:
         sensor, other_px, _ = _of_sensor(answers, width, height)
-        answers.assumed.append(f"a focal length of {f:.0f} px, as {name}; {sensor}, would have {other_px:.0f} px")
+        answers.warnings.append(f"the focal length is {f:.0f} px, as {name}; {sensor}, would have {other_px:.0f} px")
     return name, width, height, f, distortion
 
 
@@ -318,7 +320,7 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
     if known:
         return f'model = "{grab}"{paint}', 0.0
     finish = f'\nfinish = "paint"{paint}' if paint else ""
-    return f'model = "mesh"\nfile = {path} # see: simgrab grab check{finish}', 0.0
+    return f'model = "mesh"\nfile = {path} # see: simgrab grab check\nscale = 1.0 # m per unit of the file{finish}', 0.0
 
 
 def _table(keys: Mapping[str, float]) -> str:
@@ -387,7 +389,7 @@ def _around(answers: _Answers, offset: tuple[float, ...]) -> float:
             f"{x:g},{y:g},{z:g} is in the jib head's steel or less than {LEAST_ROOM_M:g} m from it; {other} is not",
         )
     if apart < NEAR_ROPE_M and z < 0:
-        answers.assumed.append(
+        answers.warnings.append(
             f"--offset: a rope hangs {max(apart, 0):.2f} m from the lens, and hides much of the view"
         )
     return min(MOST_AROUND_M, math.floor(100 * room / math.sqrt(3)) / 100)
@@ -448,7 +450,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         answers.assumed.append("night: lamps of the quay, and a grey picture; light, night_mode and exposure_ev set it")
     (display,) = answers.get("display", _one_of("none", *layouts.names()))
     if answers.unread:
-        answers.assumed.append(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
+        answers.warnings.append(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
     inf = math.inf
     facts = {
         "camera.focal.focal_length_px": (f_px, 0.01 * f_px, 100, inf),
