@@ -109,7 +109,7 @@ def forecasts(
 
 def measurements(
     record: RecordArrays, alpha: Array, ends: Array, refused: str = "", ahead: Forecast | None = None,
-    swing: Array | None = None,
+    swing: Array | None = None, needs_rope: bool = True,
 ) -> tuple[Measurement, ...]:  # fmt: skip
     """Make a measurement of every frame: its swing, or why there is none.
 
@@ -124,27 +124,30 @@ def measurements(
     ahead : Forecast, optional
     swing : ndarray, shape (n, 2), optional
         Horizontal part of the unit direction OA, jib frame.
+    needs_rope : bool
+        Whether a frame without the rope's length lacks an input.
     """
     danger = alarm.probability(alpha, *ends.T)
     direction = np.full(len(alpha), np.nan) if swing is None else np.arctan2(swing[:, 1], swing[:, 0])
     names = [] if ahead is None else list(vars(ahead))
     next_s = np.array([getattr(ahead, name) for name in names]).T if names else np.empty((len(alpha), 0))
+    lacks_rope = ~np.isfinite(record.rope_length) & needs_rope
+    statuses = map(_status, record.observations, np.isfinite(alpha), lacks_rope, record.jump, [refused] * len(alpha))
     of_frames = record.observations, alpha, ends, direction, danger, record.rope_length, record.jump, next_s.tolist()
     return tuple(
-        _measurement(*row, refused=refused, ahead=dict(zip(names, f, strict=True)) if np.isfinite(f).all() else {})
-        for *row, f in zip(*of_frames, strict=True)
+        _measurement(status, *row, ahead=dict(zip(names, f, strict=True)) if np.isfinite(f).all() else {})
+        for status, *row, f in zip(statuses, *of_frames, strict=True)
     )
 
 
 def _measurement(
-    s: Observation, alpha: float, ends: Array, direction: float, danger: float, rope: float, jump: bool, *,
-    refused: str, ahead: dict[str, float],
+    status: tuple[Status, str], s: Observation, alpha: float, ends: Array, direction: float, danger: float, rope: float,
+    jump: bool, *, ahead: dict[str, float],
 ) -> Measurement:  # fmt: skip
-    status, reason = _status(s, bool(np.isfinite(alpha)), bool(np.isfinite(rope)), bool(jump), refused)
-    ok = status == "ok"
+    ok = status[0] == "ok"
     stated = ok and bool(np.isfinite(ends).all())
     return Measurement(
-        status=status, reason=reason, alpha=float(alpha) if ok else None,
+        status=status[0], reason=status[1], alpha=float(alpha) if ok else None,
         alpha_low=float(ends[0]) if stated else None, alpha_high=float(ends[1]) if stated else None,
         direction=float(direction) if ok and np.isfinite(direction) else None,
         danger=float(danger) if ok else None, box=s.box, score=s.score, centre=s.centre, centre_sd=s.centre_sd,
@@ -153,7 +156,7 @@ def _measurement(
     )  # fmt: skip
 
 
-def _status(s: Observation, alpha: bool, rope: bool, jump: bool, refused: str) -> tuple[Status, str]:
+def _status(s: Observation, alpha: bool, lacks_rope: bool, jump: bool, refused: str) -> tuple[Status, str]:
     if s.lost:
         return "lost", s.lost
     if s.missed:
@@ -161,6 +164,6 @@ def _status(s: Observation, alpha: bool, rope: bool, jump: bool, refused: str) -
     if alpha:
         return "ok", ""
     unread = "the hoist is too slow to have reached the length read" if jump else s.rope_reason
-    if not rope and (unread or not refused):
+    if lacks_rope and (unread or not refused):
         return "unread", unread or "neither a display nor the controller states the rope's length"
     return "refused", refused or "no swing angle explains the pixel: the rope is shorter than the camera offset"

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -46,7 +46,7 @@ _MOVING = 0.98  # quantile of the speeds of readings
 _MOST_RATE = 3.0  # ratio of the stated rate to that of the readings
 Meta = msgspec.Meta
 Bad = NDArray[np.bool_]
-EPOCH = "1970-01-01T00:00"  # of texts whose differences alone count
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)  # of which times of day are
 
 
 class ClockColumn(Checked, frozen=True, kw_only=True):
@@ -56,7 +56,8 @@ class ClockColumn(Checked, frozen=True, kw_only=True):
     ----------
     column : str
     unit : str
-        ``"s"``, ``"ms"``, ``"us"``, ``"ns"``, or ``"iso"`` for texts such as 2026-03-02T08:15:00.25.
+        ``"s"``, ``"ms"``, ``"us"``, ``"ns"``, or ``"iso"`` for texts such as 2026-03-02T08:15:00.25
+        or 08:15:00,25.
     start : float or str or None
         Time of the first frame, as the column has it; None is 0. Of texts only a live run goes without it.
     clock_sd_s : float
@@ -308,21 +309,22 @@ def _rows(path: Path, table: pa.Table, clock: ClockColumn, notes: list[str]) -> 
     every = np.arange(table.num_rows)
     refuse = _Refusing(f"{path}: time, column {clock.column!r}", every, notes)
     if clock.unit == "iso":
-        start = _moment(str(clock.start or EPOCH))
-        time, bad = _parsed(path, table, clock.column, lambda text: (_moment(text) - start).total_seconds())
-        cure = "; dates such as 2026-03-02T08:15:00 are needed"
+        start = 0.0 if clock.start is None else _moment(str(clock.start))
+        time, bad = _parsed(path, table, clock.column, _moment)
+        cure = "; texts such as 2026-03-02T08:15:00 or 08:15:00 are needed"
         first = str(table[clock.column][int(np.isfinite(time).argmax())])
-        if isinstance(clock.start, str) and np.isfinite(time).any() and _zoned(first) != _zoned(clock.start):
-            one, other = ("has a", "without") if _zoned(clock.start) else ("has no", "with")
+        if isinstance(clock.start, str) and np.isfinite(time).any() and _form(first) != _form(clock.start):
             raise RecordError(
-                f"{path}: time.start, {clock.start}, {one} time zone, and column {clock.column!r} begins {other} one, "
-                f"{first}: write time.start as the column has it"
+                f"{path}: time.start is {clock.start}, and column {clock.column!r} begins with {first}: both need a "
+                "date or none, and a time zone or none"
             )
     else:
+        start = float(clock.start or 0.0) * UNITS[clock.unit]
         time, bad = _parsed(path, table, clock.column, float)
-        time, passes = _past_midnight(time * UNITS[clock.unit], float(clock.start or 0.0) * UNITS[clock.unit])
-        notes += [f"{path}: time, column {clock.column!r}: passes midnight; later rows are of the next day"] * passes
+        time = time * UNITS[clock.unit]
         cure = _of_commas(table, clock.column, bad)
+    time, passes = _past_midnight(time, start)
+    notes += [f"{path}: time, column {clock.column!r}: passes midnight; later rows are of the next day"] * passes
     time = refuse(time, bad | ~np.isfinite(time), "not a time", cure)
     known = np.flatnonzero(np.isfinite(time))
     kept = known[_increasing(time[known])]
@@ -406,18 +408,27 @@ def _of_commas(table: pa.Table, name: str, bad: Bad) -> str:
     return decimal_comma(str(table[name][int(bad.argmax())])) if bad.any() else ""
 
 
-def _moment(text: str) -> datetime:
-    """Read a date with a time; one without a zone is taken for UTC."""
+def _moment(text: str) -> float:
+    """Read a date with a time, or a time of day: s since `EPOCH`, or since midnight; without a zone it is UTC."""
     try:
-        found = datetime.fromisoformat(text.strip())
+        return (_stated(text) - EPOCH).total_seconds()
     except ValueError:
-        raise RecordError(f"start: must be such as 2026-03-02T08:15:00, got {shown(text)}") from None
-    return found if found.tzinfo else found.replace(tzinfo=UTC)
+        raise RecordError(f"start: must be such as 2026-03-02T08:15:00 or 08:15:00, got {shown(text)}") from None
 
 
-def _zoned(text: str) -> bool:
-    """Whether a date with a time states its zone."""
-    return datetime.fromisoformat(text.strip()).tzinfo is not None
+def _form(text: str) -> tuple[bool, bool]:
+    """Whether a time states its date, and its zone."""
+    return not _of_day(text), _stated(text, None).tzinfo is not None
+
+
+def _of_day(text: str) -> bool:
+    return text.strip()[2:3] == ":"
+
+
+def _stated(text: str, zone: tzinfo | None = UTC) -> datetime:
+    text = text.strip()
+    found = datetime.fromisoformat(f"{EPOCH:%Y-%m-%d}T{text}" if _of_day(text) else text)
+    return found if found.tzinfo else found.replace(tzinfo=zone)
 
 
 def _past_midnight(time: Array, start: float) -> tuple[Array, bool]:

@@ -239,9 +239,10 @@ class Pipeline:
             if not estimate.ok:
                 nothing = np.full((len(observations), 3), np.nan)
                 refused = f"no tilt: {estimate.reason}"
-                return MeasuredRecord(
-                    record, angles.measurements(record, nothing[:, 0], nothing[:, 1:], refused), estimate, None, clock
+                measured = angles.measurements(
+                    record, nothing[:, 0], nothing[:, 1:], refused, needs_rope=estimator.needs_rope
                 )
+                return MeasuredRecord(record, measured, estimate, None, clock)
             tilt = known(estimate)
         alpha, ends, swing = angles.by_tilt(record, tilt, calibration)
         if estimate is not None and self.calibrate_s is None:
@@ -251,7 +252,9 @@ class Pipeline:
         still = estimate is None or not moving(estimator)
         if still:  # forecasts rest on the tilt of all of the record, but on no later frames
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
-        measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=swing if still else None)
+        measured = angles.measurements(
+            record, alpha, ends, ahead=ahead_s, swing=swing if still or calibration.mount == "fixed" else None
+        )
         return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
 
     def _calibrated(self, time: Array | None) -> Array | None:

@@ -262,12 +262,16 @@ REFUSED = {
     ),
     "times of day as texts": (
         column("t", lambda _c: ["08:15:00"] * 600), {"time": {"column": "t", "unit": "iso", "start": "2026-03-02"}},
-        None, "not a time; dates such as 2026-03-02T08:15:00 are needed",
+        None, "begins with 08:15:00: both need a date or none",
+    ),
+    "no times": (
+        column("t", lambda _c: ["8.15"] * 600), {"time": {"column": "t", "unit": "iso", "start": "08:15:00"}},
+        None, "not a time; texts such as 2026-03-02T08:15:00 or 08:15:00 are needed",
     ),
     "a zone in start alone": (
         column("t", lambda _c: [f"{START + timedelta(seconds=t):%Y-%m-%dT%H:%M:%S.%f}" for t in TIME.tolist()]),
         {"time": {"column": "t", "unit": "iso", "start": "2026-03-02T08:15:00Z"}}, None,
-        "2026-03-02T08:15:00Z, has a time zone, and column 't' begins without one, 2026-03-02T08:15:00.000000: write",
+        "begins with 2026-03-02T08:15:00.000000: both need a date or none, and a time zone or none",
     ),
     "one row": (lambda c: {name: cells[:1] for name, cells in c.items()}, {}, None, "1 rows; at least 2"),
     "nothing": (lambda c: c, {}, "", "the file is empty"),
@@ -320,10 +324,16 @@ def tables_of(path):
 
 
 @pytest.mark.parametrize("start", [86_390.0, 10.0])
-def test_times_of_day_may_pass_midnight(tmp_path, start):
+@pytest.mark.parametrize("unit", ["s", "iso"])
+def test_times_of_day_may_pass_midnight(tmp_path, start, unit):
     """The log begins at 86,380 s of the day, and the video before midnight or after it."""
-    about = {"time": {"column": "t", "start": start}}
-    found = read_controller(plain(tmp_path, column("t", lambda _c: texts((TIME + 86_380) % 86_400)), **about))
+    seconds, about = (TIME + 86_380) % 86_400, {"column": "t", "unit": unit, "start": start}
+    if unit == "iso":
+        about["start"], *written = (
+            f"{int(t // 3600):02d}:{int(t // 60 % 60):02d}:{t % 60:09.6f}" for t in (start, *seconds)
+        )
+    cells = texts(seconds) if unit == "s" else written
+    found = read_controller(plain(tmp_path, column("t", lambda _c: cells), time=about))
     np.testing.assert_allclose(found.time, TIME - (start - 86_380) % 86_400, atol=1e-5)
     assert "passes midnight" in found.notes[0]
     assert len(found.notes) == 1

@@ -23,6 +23,7 @@ from answers import Answers
 from browser import needs_chromium, shown
 from click.testing import CliRunner
 from faults import FAULTS, LongLens, sound
+from test_mistakes import leaning
 
 import simgrab
 from simgrab.cli import cli
@@ -33,6 +34,7 @@ from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, table, trial, verdicts
 from simgrab.judge.check.causes import _of_angles, causes
 from simgrab.judge.check.gate import CheckOptions
+from simgrab.judge.evaluate.budget import by_centres
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.records.observations import Detection
 
@@ -315,6 +317,24 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
     assert "the error arises" not in scene.causes
     (scene,) = check(place, FAULTS["h 5 % off"]).scenes.values()  # its wrong tilt is not what its angles follow from
     assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+
+
+def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
+    """Of centres 6 px to the right, from which the angles follow with the true tilt or without any."""
+    (scene,) = check(place, sound).scenes.values()
+    run, known = scene.trial.run, scene.trial.known
+    centred = tuple(msgspec.structs.replace(m, centre=(m.centre[0] + 6, m.centre[1])) for m in run.measurements)
+    own = by_centres(dataclasses.replace(run, measurements=centred), known) - known.alpha
+    axis = np.reshape([row.jib_from_camera for row in known.rows], (-1, 3, 4))[:, :2, 2]
+    for alpha, stated in ((known.alpha, False), (leaning(known.rows, -axis), True)):
+        angles = np.maximum(alpha + own, 0)
+        found = [msgspec.structs.replace(m, alpha=float(a)) for m, a in zip(centred, angles, strict=True)]
+        about = run.about | {"tilt": None, "estimate": None}
+        trial = dataclasses.replace(scene.trial, run=dataclasses.replace(run, measurements=tuple(found), about=about))
+        why = " ".join(causes(trial, ["angle.overall.rmse_deg"]))
+        assert ("as if the tilt of 5.0° were left out" in why) == stated
+        assert ("The angles are as" in why) == stated
+        assert ("Correct the centre first" in why) != stated
 
 
 @pytest.mark.parametrize("missed", [0, 1])

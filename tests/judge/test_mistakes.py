@@ -248,14 +248,22 @@ def test_lengths_off_by_a_factor_or_a_constant_are_named(read, text):
     assert of_rope(read(lengths) + np.random.default_rng(1).normal(0, 0.05, FRAMES), lengths).text == text
 
 
-def test_lengths_of_earlier_frames_are_named():
-    time = np.arange(FRAMES) / 10
-    lengths = 15 + 5 * np.sin(time)
-    read = np.roll(lengths, 4) + np.random.default_rng(1).normal(0, 0.01, FRAMES)
-    read[:4] = np.nan
-    text = "Rope lengths are those of 4 frames (0.40 s) before theirs"
-    assert of_rope(read, lengths, time).text == text
-    assert of_rope(read, lengths, time, lag_s=0.3).text == f"{text}, of which 0.3 s are the display's own delay"
-    assert of_rope(lengths - 3.0, lengths, time).text == "Rope lengths are 3.00 m too short"
+def test_late_lengths_are_named_to_parts_of_a_frame_and_apart_from_the_displays_own_delay():
+    time = np.arange(FRAMES, dtype=float)
+
+    def read(late_s):
+        lengths = 15 + 5 * np.sin((time - late_s) / 10) + np.random.default_rng(1).normal(0, 0.01, FRAMES)
+        return np.where(time < late_s, np.nan, lengths)
+
+    lengths = 15 + 5 * np.sin(time / 10)
+    assert re.fullmatch(r"Rope lengths are 1\.(49|50|51) s late", of_rope(read(1.5), lengths, time).text)
+    assert re.fullmatch(r"Rope lengths are 1\.(49|50|51) s early", of_rope(read(-1.5), lengths, time).text)
+    own = r", of which 0\.5 s are the display's own delay"
+    assert re.fullmatch(
+        rf"Rope lengths are 1\.(49|50|51) s late{own}", of_rope(read(1.5), lengths, time, lag_s=0.5).text
+    )
+    assert of_rope(read(0.6), lengths, time, lag_s=0.5) is None
+    assert of_rope(read(0.5) - 1.0, lengths, time, lag_s=0.5).text == "Rope lengths are 1.00 m too short"
+    assert of_rope(1.08 * read(0.5), lengths, time, lag_s=0.5).text == "Rope lengths are 1.08 times the true ones"
     drawn = np.random.default_rng(0).normal(20, 4, FRAMES)
     assert of_rope(np.roll(drawn, 1), drawn).text == "Rope lengths are those of 1 frame before theirs"

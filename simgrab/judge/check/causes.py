@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.instrument.run.runs import Run, reasons
 from simgrab.judge.check.mistakes import Mistake, likely, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
-from simgrab.judge.evaluate.budget import of_centres, of_tilt, with_lengths
+from simgrab.judge.evaluate.budget import by_centres, of_tilt, with_lengths
 from simgrab.judge.evaluate.swings import angles
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array
@@ -59,6 +59,8 @@ def causes(
     wrong = of_rope(read, trial.known.rope_length, run.time, lag_s=trial.dataset.scenario.display.lag_s)
     lengths = [] if wrong is None else list(_of_lengths(wrong, run, trial.known, meets))
     yield from lengths
+    if not lengths and any(what.startswith("reading.length") for what in failed):
+        yield "No factor, constant or delay was found that explains the errors of the rope lengths."
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)
@@ -68,7 +70,9 @@ def causes(
         given = bool(np.isfinite(read).any()) and wrong is None
         mistake = None
         if moves and not lengths:
-            mistake = likely(run.alpha, true, trial.known.rows, run.time, rope_known=given)
+            of_centres = _of_centres(run, trial.known)
+            mistake = likely(run.alpha - of_centres, true, trial.known.rows, run.time, rope_known=given)
+            mistake = mistake and mistake._replace(left=mistake.left + of_centres)
         if mistake and not meets(_metrics(true + mistake.left, trial.known)):
             mistake = None
         rmse = _rms(measured - swing)
@@ -80,6 +84,14 @@ def causes(
         found = [] if mistake else list(_of_angles(measured, swing))
         found += _of_stages(trial, run, trial.known, rmse, float(swing.std()), compared=compared)
         yield from found or ([] if mistake or lengths else [UNEXPLAINED])
+
+
+def _of_centres(run: Run, known: Truths) -> Array:
+    """Errors of the angle (n,), rad, that its centres cause, where these explain some of it; else zeros."""
+    own = by_centres(run, known) - known.alpha
+    some = np.isfinite(own) & np.isfinite(run.alpha)
+    error = (run.alpha - known.alpha)[some]
+    return own if some.any() and _rms(error - own[some]) < _rms(error) else np.zeros(len(own))
 
 
 def _of_lengths(mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:
@@ -97,6 +109,12 @@ def _metrics(alpha: Array, known: Truths) -> Metrics:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def _rms_of(values: Array) -> float:
+    """Root mean square of the finite values; 0 of none."""
+    some = values[np.isfinite(values)]
+    return _rms(some) if len(some) else 0.0
 
 
 def _of_angles(measured: Array, true: Array) -> Iterator[str]:
@@ -131,7 +149,7 @@ def _of_stages(
 ) -> Iterator[str]:
     """Name the first stage of the pipeline that explains its RMSE of the angle: centre, tilt, or the rest."""
     later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
-    centre_deg, tilt = of_centres(run, known), of_tilt(run, known)
+    centre_deg, tilt = np.rad2deg(_rms_of(by_centres(run, known) - known.alpha)), of_tilt(run, known)
     budget = None if trial.evaluation is None else trial.evaluation.budget
     if trial.centres and centre_deg**2 > rmse**2 / 2:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize_scalar
 
 from simgrab.model.geometry import Array, Pose
 from simgrab.model.truth import Row
@@ -21,7 +21,8 @@ CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
 LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing shows no direction
 MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
 NOTHING = 1e-6  # rad, below which errors are rounding
-ROPE_SHARE = 0.25  # of the lengths' error, which a factor or a constant must leave at most
+ROPE_SHARE = 0.25  # of the lengths' error, which a factor, a constant or a delay must leave at most
+REFRESH_S = 0.3  # by which a displayed length may be older than its display is late
 
 
 class Mistake(NamedTuple):
@@ -249,19 +250,42 @@ def _level(vectors: Array) -> Array:
 def of_rope(read: Array, true: Array, time: Array | None = None, *, lag_s: float = 0.0) -> Mistake | None:
     r"""Find by which factor, constant or delay the lengths \|OA\| (n,), m, of a pipeline err; None if by none.
 
-    ``lag_s`` is how old the displayed lengths are themselves, which is a part of a delay.
+    ``lag_s`` is how old the displayed lengths are themselves: no mistake, but a part of a delay.
     """
     known = np.isfinite(read) & np.isfinite(true)
     if known.sum() < FEWEST:
         return None
-    factor, constant = float(np.median(read[known] / true[known])), float(np.median((read - true)[known]))
-    side = "long" if constant > 0 else "short"
-    found = (
-        Mistake(f"Rope lengths are {factor:.3g} times the true ones", read / (factor or 1.0) - true),
-        Mistake(f"Rope lengths are {abs(constant):.2f} m too {side}", read - constant - true),
-        late := _late("Rope lengths", read, true, time),
-    )
+    if time is None:
+        shown, found = true, [_late("Rope lengths", read, true, None)]
+    else:
+        shown, found = _earlier(true, time, lag_s), [_delayed(read, true, time, lag_s)]
+    for reference in (true, shown):
+        factor, constant = float(np.nanmedian(read / reference)), float(np.nanmedian(read - reference))
+        side = "long" if constant > 0 else "short"
+        found += [
+            Mistake(f"Rope lengths are {factor:.3g} times the true ones", read / (factor or 1.0) - reference),
+            Mistake(f"Rope lengths are {abs(constant):.2f} m too {side}", read - constant - reference),
+        ]
     best = min(found, key=lambda one: one.rms)
-    if best is late and lag_s and time is not None and late.text.endswith("before theirs"):
-        best = late._replace(text=f"{late.text}, of which {lag_s:g} s are the display's own delay")
-    return best if best.rms < ROPE_SHARE * Mistake("", read - true).rms else None
+    return best if best.text and best.rms < ROPE_SHARE * Mistake("", read - true).rms else None
+
+
+def _earlier(true: Array, time: Array, by_s: float) -> Array:
+    """Values (n,) at the frames' times less a delay; NaN before the first, and after the last."""
+    known = np.isfinite(true)
+    return np.interp(time - by_s, time[known], true[known], left=np.nan, right=np.nan)
+
+
+def _delayed(read: Array, true: Array, time: Array, lag_s: float) -> Mistake:
+    """Explain rope lengths by a delay, s, unless it is the display's own."""
+    step = float(np.median(np.diff(time)))
+    most = min(MOST_LATE, len(time) // 3)
+
+    def left(by_s: float) -> Mistake:
+        return Mistake("", read - _earlier(true, time, by_s), 1)
+
+    first = min(step * np.arange(-most, most + 1), key=lambda by_s: left(by_s).rms)
+    by_s = float(minimize_scalar(lambda x: left(x).rms, bounds=(first - step, first + step), method="bounded").x)
+    own = f", of which {lag_s:g} s are the display's own delay" if lag_s and by_s > 0 else ""
+    text = f"Rope lengths are {abs(by_s):.2f} s {'late' if by_s > 0 else 'early'}{own}"
+    return left(by_s)._replace(text="" if abs(by_s - lag_s) < REFRESH_S else text)

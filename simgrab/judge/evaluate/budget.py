@@ -224,12 +224,12 @@ def with_lengths(run: Run, known: Truths, rope: Literal["true", "read"]) -> Arra
     return alpha
 
 
-def of_centres(run: Run, known: Truths) -> float:
-    """RMSE, degrees, of the angles that follow from a run's centres if all else is true; 0 if it states no centres."""
-    parts = _Parts.of(run, known)
-    if parts is None or len({_built(row) for row in parts.rows}) > 1:
-        return 0.0
-    return errors(by_pose(parts.rows, parts.centre["detected"], parts.rope["true"]), parts.alpha)["rmse_deg"] or 0.0
+def by_centres(run: Run, known: Truths) -> Array:
+    """Return swings (n,), rad, that follow from a run's centres if all else is true; NaN where it states none."""
+    parts, alpha = _Parts.of(run, known), np.full(len(run.measurements), np.nan)
+    if parts is not None and len({_built(row) for row in parts.rows}) == 1:
+        alpha[parts.some] = by_pose(parts.rows, parts.centre["detected"], parts.rope["true"])
+    return alpha
 
 
 def _given(run: Run) -> Known | None:

@@ -141,6 +141,7 @@ def prepare(
             (folder / part).mkdir(exist_ok=True)
         write(secret, _json(msgspec.to_builtins(season)))
         missing = [clip for clip in season.clips if not _finished(season, folder, clip)]
+        missing.sort(key=lambda clip: clip.swing != "alarm")  # those that too few frames make impossible first
         each = memory_bytes(Recipe(scenarios[0])) + sensors.memory_bytes(season.with_sensors(scenarios[0]))
         most = machine.free_bytes() // each
         workers = max(1, min(workers or machine.cores(), most, len(missing)))
@@ -258,6 +259,10 @@ def published(folder: Path) -> Published:
         If there is none, or of another version.
     """
     path = folder / CLIPS / SEASON
+    if folder.is_dir() and not path.exists():
+        raise BenchError(
+            f"{folder}: no complete season: it has no {CLIPS}/{SEASON}; simgrab bench prepare goes on with it"
+        )
     return convert(read_json(path, BenchError), Published, BenchError, path)
 
 

@@ -36,7 +36,13 @@ def command() -> None:
 @click.option("--hidden", is_flag=True, help="Draw a secret seed and salt, to be published when the season ends.")
 @click.option("--full", is_flag=True, help="All 144 clips in place of the nightly 12.")
 @click.option("--sensors", callback=_sensors, help=f"Beside the camera: some of {','.join(SENSORS)}.  [default: none]")
-@click.option("--frames", type=click.IntRange(2, 100_000), default=540, show_default=True, help="Frames of each clip.")
+@click.option(
+    "--frames",
+    type=click.IntRange(2, 100_000),
+    default=540,
+    show_default=True,
+    help="Of each clip; an alarm needs some 480.",
+)
 @click.option("--size", callback=lambda _c, _o, text: scenes.parse_size(text), default="960x540", show_default=True)
 @click.option("--workers", type=AUTO_WORKERS, help="Processes, a clip each.  [default: as cores and memory allow]")
 @quiet_option

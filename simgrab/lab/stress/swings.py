@@ -16,7 +16,7 @@ from simgrab.model import scenes
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
 from simgrab.model.rng import stream
 
-ROPE_CYCLE_S = 75.0
+CYCLE_S = 75.0  # of a working crane
 _FORCED_ROPE_M = 20.0
 
 
@@ -162,7 +162,7 @@ def _rope(situation: Situation, draws: Draws, late_s: float) -> Array:
         return np.full((len(draws.trials), draws.frames), low)
     if situation.hoisting:
         phase = draws.of("rope.phase", lambda rng: rng.random(1))
-        turn = (np.arange(draws.frames) / situation.rate_hz - late_s) / ROPE_CYCLE_S + phase
+        turn = (np.arange(draws.frames) / situation.rate_hz - late_s) / CYCLE_S + phase
         share = np.abs(2 * (turn % 1.0) - 1)
     else:
         share = draws.uniform("rope")
@@ -184,10 +184,12 @@ def reported_rope(situation: Situation, draws: Draws, rope: Array) -> Array:
 
 
 def _physics(situation: Situation, draws: Draws) -> ReplicatedMotion:
-    """Let the world move grab and camera: replication k is clip k of the scene."""
+    """Let the world move grab and camera: replication k is a part of clip k of the scene, from a random time on."""
     from simgrab.world.trajectory.clip import ClipMotion
 
-    frames = draws.frames
+    most = round(CYCLE_S * situation.rate_hz)
+    first = (most * draws.of("motion.start", lambda rng: rng.random(1))[:, 0]).astype(int).tolist()
+    frames = most + draws.frames
     scenario = scenes.load(
         situation.motion,
         {
@@ -207,9 +209,9 @@ def _physics(situation: Situation, draws: Draws) -> ReplicatedMotion:
         [
             [
                 (m.grab.alpha, m.grab.azimuth, m.grab.rope_length, m.tilt.beta, m.tilt.azimuth, m.tilt.roll)
-                for m in itertools.islice(ClipMotion(scenario, trial), frames)
+                for m in itertools.islice(ClipMotion(scenario, trial), begin, begin + draws.frames)
             ]
-            for trial in draws.trials
+            for trial, begin in zip(draws.trials, first, strict=True)
         ]
     )
     alpha, azimuth, rope = np.moveaxis(rows[..., :3], -1, 0)
