@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import simgrab
 from simgrab.dataset.notices import notices
@@ -48,6 +49,13 @@ def test_a_line_says_what_a_user_may_not_expect(changes, begins):
     found = notices(recipe(*changes))
     assert len(found) == (begins is not None)
     assert not begins or found[0].startswith(begins)
+
+
+@pytest.mark.parametrize("load", [0.0, 0.5])
+def test_a_load_that_a_grab_from_a_file_cannot_hold_is_named(tmp_path, load):
+    trimesh.creation.cylinder(radius=1.2, height=2.6).export(tmp_path / "drum.glb")
+    grab = {"grab": {"model": "mesh", "file": str(tmp_path / "drum.glb")}}
+    assert len(notices(recipe(grab, {"swing.load": load, "frames": 2}))) == (load > 0)
 
 
 @pytest.mark.parametrize("changes", [[EMPTY], [EMPTY, VARIED, TRAIN], [HANGS, TRAIN], [HANGS, WIND, TRAIN]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from simgrab.dataset.stored import split
-from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid, Scenario
+from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid, Mesh, Scenario
 from simgrab.model.truth import SPLITS
 from simgrab.world.extensions import Recipe
 
@@ -24,6 +24,8 @@ def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
         lines = _of_independent(recipe) if isinstance(scenario.swing, Iid) else _of_clips(recipe)
     else:
         lines = []
+    if isinstance(scenario.grab, Mesh) and isinstance(scenario.swing, Iid) and scenario.swing.load.support()[1]:
+        lines.append("swing.load has no effect on a grab from a file, which holds no load")
     return lines + _of_weather(scenario) + _of_display(scenario) + (_of_splits(recipe) if splits else [])
 
 

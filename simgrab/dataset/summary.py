@@ -34,8 +34,8 @@ class Tally(msgspec.Struct, frozen=True):
     ----------
     splits : tuple of 3 int
         Frames in train, val and test.
-    labelled : int
-        Frames with a detection label.
+    labelled, below_least : int
+        Frames with a detection label, and those that show too little of the grab for one.
     alpha_squares, alpha_max : float
         Sum of α², deg²; the largest α, deg.
     beta_min, beta_max : float
@@ -48,6 +48,7 @@ class Tally(msgspec.Struct, frozen=True):
 
     splits: tuple[int, int, int] = (0, 0, 0)
     labelled: int = 0
+    below_least: int = 0
     alpha_squares: float = 0.0
     alpha_max: float = 0.0
     beta_min: float = math.inf
@@ -66,6 +67,7 @@ class Tally(msgspec.Struct, frozen=True):
         return cls(
             (names.count(SPLITS[0]), names.count(SPLITS[1]), names.count(SPLITS[2])),
             sum(row.visible_fraction >= least for row in rows),
+            sum(0 < row.visible_fraction < least for row in rows),
             math.fsum(row.alpha_deg**2 for row in rows),
             max((row.alpha_deg for row in rows), default=0.0),
             min(betas, default=math.inf),
@@ -85,6 +87,7 @@ class Tally(msgspec.Struct, frozen=True):
         return Tally(
             (train, val, test),
             self.labelled + other.labelled,
+            self.below_least + other.below_least,
             self.alpha_squares + other.alpha_squares,
             max(self.alpha_max, other.alpha_max),
             min(self.beta_min, other.beta_min),
@@ -152,8 +155,8 @@ class Summary:
     ----------
     path : Path or str
         Its folder or URL.
-    frames, labelled : int
-        Frames, and those with a detection label.
+    frames, labelled, below_least : int
+        Frames, those with a detection label, and those that show too little of the grab for one.
     splits : dict of str to int
     made : int
         Frames rendered in this run; the others were there already.
@@ -173,6 +176,7 @@ class Summary:
     path: Path | str
     frames: int
     labelled: int
+    below_least: int
     splits: dict[str, int]
     made: int
     alpha_rms_deg: float
@@ -191,6 +195,7 @@ class Summary:
             path=path,
             frames=frames,
             labelled=tally.labelled,
+            below_least=tally.below_least,
             splits=dict(zip(SPLITS, tally.splits, strict=True)),
             made=made,
             alpha_rms_deg=math.sqrt(tally.alpha_squares / frames),
@@ -203,8 +208,12 @@ class Summary:
 
 
 def doubts(summary: Summary | VideoSummary) -> list[str]:
-    """Name the keys of the swing that were clamped in more than `MANY_CLAMPED` of the frames, and what to do."""
+    """Name visible grabs without a label, and keys of the swing clamped in more than `MANY_CLAMPED` of the frames."""
+    hidden = summary.below_least if isinstance(summary, Summary) else 0
     return [
+        f"{hidden} frames show less of the grab than labels.least_visible_fraction, and have no label: a training "
+        "takes it for background, unless you leave them out (docs/loading.md)"
+    ] * bool(hidden) + [
         f"swing.{key}: {count} of {summary.frames} draws were impossible and were clamped, so they pile up at "
         "the ends of what is possible: state a range that fits, or change the place or the grab"
         for key, count in (summary.clamped or {}).items()

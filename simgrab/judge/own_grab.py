@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
+import msgspec
 import numpy as np
 import trimesh
 from msgspec.structs import replace
@@ -41,6 +42,7 @@ _FAR_M = 0.15  # a rope's end so far from any steel ends in the air
 _COARSE_M = 0.002  # steps of coordinates that show
 _EVEN, _UNEVEN, _SLICES = 0.1, 0.03, 50  # along an axis: may be even, differs from another, and how finely measured
 _MOST_LISTED = 20  # groups of nodes, and nodes
+_HEAVY = 0.5  # share of the mass in one closed piece
 _TILE, _AZIMUTHS, _ROPE_M = 480, 4, 12.0
 PAGE, PICTURE = "grab.html", "turntable.jpg"
 
@@ -111,11 +113,34 @@ def check(scene: Scenario) -> Understood:
     """
     keys = scene.grab
     assert isinstance(keys, Mesh)
-    model = models.recall(keys.sha256, keys.file, functools.partial(ScenarioError, "grab.file"))
-    reading = read(keys, model)
+    model, reading = _read(keys)
     made = design(keys, reading)
     doubts = _doubts_of_file(keys, model, reading) + _doubts(keys, reading.pieces, made)
-    return Understood(_facts(keys, model, reading, made), doubts, turntable(scene))
+    hangs = f"{msgspec.to_builtins(scene.suspension)['model']} (suspension.model): one-body leans as its ropes do"
+    return Understood([*_facts(keys, model, reading, made), ("hangs as", hangs)], doubts, turntable(scene))
+
+
+def likely_scale(file: str | Path) -> float:
+    """Metres a unit by which the longest side of a model is that of a grab; 1 if it is, or if none or several are.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read.
+    """
+    grab = Mesh.of(file, scale=UNITS["millimetres"])
+    units = float(_sides(_read(grab)[1]).max()) / grab.scale
+    fits = [scale for scale in UNITS.values() if USUAL_SIDES_M[0] <= units * scale <= USUAL_SIDES_M[1]]
+    return fits[0] if len(fits) == 1 else 1.0
+
+
+def _read(grab: Mesh) -> tuple[models.ModelFile, ImportedModel]:
+    model = models.recall(grab.sha256, grab.file, functools.partial(ScenarioError, "grab.file"))
+    return model, read(grab, model)
+
+
+def _sides(reading: ImportedModel) -> Array:
+    return np.ptp(np.concatenate([piece.vertices for piece in reading.pieces]), axis=0)
 
 
 def remarks(grab: Grab) -> list[str]:
@@ -128,9 +153,8 @@ def remarks(grab: Grab) -> list[str]:
     """
     if not isinstance(grab, Mesh):
         return []
-    model = models.recall(grab.sha256, grab.file, functools.partial(ScenarioError, "grab.file"))
-    reading = read(grab, model)
-    size = np.ptp(np.concatenate([piece.vertices for piece in reading.pieces]), axis=0)
+    model, reading = _read(grab)
+    size = _sides(reading)
     sides = " × ".join(f"{side:.2f}" for side in size)
     stated = f"taken as {sides} m (x, y, z up), with grab.scale = {grab.scale:g}"
     return [stated, *_doubts_of_size(size), *_doubts_of_axis(grab, model, reading)]
@@ -287,7 +311,13 @@ def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
     if holes:
         area = sum(piece.area_m2 for piece in holes) / sum(piece.area_m2 for piece in parts)
         names = ", ".join(piece.nodes[0] for piece in holes[:6]) + (", …" if len(holes) > 6 else "")
-        found.append(f"{len(holes)} of {len(parts)} pieces have holes ({area:.0%} of the surface): {names}.")
+        found.append(f"{len(holes)} of {len(parts)} pieces have holes, or edges of more than two faces ({area:.0%} "
+                     f"of the surface): {names}.")  # fmt: skip
+    m3 = [abs(float(piece.solid.volume)) for piece in parts]
+    heaviest = parts[int(np.argmax(m3))]
+    if heaviest.closed and len(parts) > 1 and max(m3) > _HEAVY * sum(m3):
+        found.append(f"{heaviest.nodes[0]}, which is closed, is taken as solid steel, {max(m3) / sum(m3):.0%} of the "
+                     "mass. If it is hollow, leave a face open: mass_kg does not move the centre of mass.")  # fmt: skip
     faces = sum(len(one.mesh.faces) for piece in parts for one in piece.parts)
     if faces > MANY_FACES:
         found.append(f"{faces:,} triangles take long to draw; {MANY_FACES:,} are plenty at these distances.")

@@ -234,6 +234,18 @@ def test_a_run_that_measured_nothing_has_failed_and_says_why(tmp_path, live):
         assert json.loads((tmp_path / "c" / "run.json").read_text())["failure"] is None
 
 
+@pytest.mark.parametrize(("right", "cut"), [(40.0, False), (62.0, True)])
+def test_boxes_that_reach_the_edge_of_the_picture_are_named(right, cut):
+    class Boxes:
+        name = "boxes"
+
+        def __call__(self, frames, _calibration):
+            return [Measurement(status="ok", alpha=0.1, box=(20.0, 10.0, right, 30.0)) for _ in frames]
+
+    found = measure([Frame(picture(i), None) for i in range(2)], CAMERA, Boxes(), source="two")
+    assert (f"in 2 frames with an angle the grab's box reaches the picture's edge" in str(found.about["notes"])) == cut
+
+
 def test_a_run_with_too_few_frames_says_so():
     def middle(_picture):
         from simgrab.model.records.observations import Detection

@@ -363,6 +363,15 @@ def test_frames_in_which_the_grab_hardly_swings_are_named(place, tmp_path):
     assert note.startswith("swing: warning: the grab hardly swings (standard deviation 0.0")
 
 
+def test_limits_on_lengths_that_do_not_change_are_named(place, tmp_path):
+    (scene,) = check(place, sound).scenes.values()
+    limits = suite.load(write(tmp_path, limits={"reading.length.p95_m": {"upper": 1.0}})).limits
+    rows = [msgspec.structs.replace(row, rope_length_m=20.0) for row in scene.trial.known.rows]
+    for known, named in ((dataclasses.replace(scene.trial.known, rows=tuple(rows)), True), (scene.trial.known, False)):
+        notes = gate.judged("swing", dataclasses.replace(scene.trial, known=known), limits).notes
+        assert any("the rope's length hardly changes" in note for note in notes) == named
+
+
 def test_a_limit_on_missed_alarms_is_named_where_no_swing_can_be_missed(place, tmp_path):
     (scene,) = check(place, sound).scenes.values()
     limit = suite.load(write(tmp_path, limits={"alarm.missed": {"upper": 0}})).limits

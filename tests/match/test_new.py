@@ -16,6 +16,7 @@ from simgrab.match.cli.new import GRABS, PAINTS, WEATHERS
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.scenario import Hold
+from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.clearance import check_camera
 from simgrab.world.scenery.meshes.jib import jib_steel
 from simgrab.world.scenery.meshes.ropes import Ropes
@@ -145,6 +146,24 @@ def test_facts_become_keys_and_their_tolerances(grab, tmp_path):
     assert "--rate 25" in out
     assert ("grab.file: taken as 2.40 × 2.60 × 2.40 m" in out) == (grab not in GRABS)
     assert "--ropes" not in out
+
+
+@pytest.mark.parametrize("grab", ["scissors", "drum.glb"])
+def test_random_places_vary_as_in_training_around_what_is_stated(grab, tmp_path):
+    if grab not in GRABS:
+        trimesh.creation.cylinder(radius=1200, height=2600).export(tmp_path / grab)
+    given = ["--grab", tmp_path / grab if grab not in GRABS else grab, "--mount", "fixed", "--paint", "blue"]
+    scene, out = new(tmp_path / "a.toml", "--place", "random", *given)
+    assert ("grab.scale: 0.001 m per unit" in out) == (grab not in GRABS)
+    assert "warning: --mount: no effect on independent frames" in out
+    assert scene.swing.rope_length_m.support() == (8, 22)
+    seen = [Recipe(scene).variant(frame).scenario for frame in range(0, 96, 8)]
+    assert len({type(one.place) for one in seen}) > 2
+    assert {one.grab.paint_rgb for one in seen} == {tuple(PAINTS["blue"])}
+    assert max(one.grab.wear for one in seen) <= 0.5
+    assert {one.weather.rain_mm_h for one in seen} == {0.0}  # the weather is clear unless stated
+    for clash in (["--motion", "cycles"], ["--fixed"]):
+        assert run("new", tmp_path / "b.toml", "--yes", "--place", "random", *clash)[0] == 2
 
 
 def test_a_working_crane_moves_within_its_ropes(tmp_path):

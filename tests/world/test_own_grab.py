@@ -505,6 +505,19 @@ def test_the_check_doubts_jaws_that_close_as_they_open_and_hinges_in_the_air(fil
     assert re.search(doubt, doubts) if doubt else not re.search("inwards|hinge", doubts)
 
 
+@pytest.mark.parametrize("hollow", [False, True])
+def test_the_check_doubts_a_solid_piece_that_has_most_of_the_mass(tmp_path, hollow):
+    scene, head = trimesh.Scene(), trimesh.creation.box((1, 1, 1.5))
+    if hollow:
+        head.update_faces(np.arange(len(head.faces)) > 0)
+    scene.add_geometry(head, node_name="Head", transform=translation_matrix((0, 0, 2)))
+    scene.add_geometry(trimesh.creation.box((2.5, 1, 0.1)), node_name="Plate")
+    scene.export(tmp_path / "a.glb")
+    found = own_grab.check(own_grab.scene_of(tmp_path / "a.glb", {"grab.up": "z"}))
+    assert ("Head, which is closed, is taken as solid steel, 86% of the mass" in " ".join(found.doubts)) != hollow
+    assert dict(found.facts)["hangs as"].startswith("one-body")
+
+
 def test_the_check_says_how_many_nodes_it_does_not_list(tmp_path):
     scene = trimesh.Scene()
     for i in range(23):

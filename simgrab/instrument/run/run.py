@@ -34,6 +34,7 @@ from simgrab.model.calibration import Calibration
 from simgrab.text import encodable
 
 VIDEO, PAGE, TILT = "annotated.mp4", "report.html", "tilt.toml"
+EDGE_PX = 3.0  # from the edge of a picture to a box that reaches it
 PART_S = 3600.0  # of a live run in one folder, which bounds the memory
 
 
@@ -332,6 +333,7 @@ def _conclude(
     estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
     reported = _controller(instrument, record)
+    cut = _at_edge(measurements, calibration)
     about = {
         "simgrab": version("simgrab"),
         "counts": counts | {"refused": len(measurements) - sum(counts.values())},
@@ -342,10 +344,20 @@ def _conclude(
         "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
                  "released_at_deg": float(np.rad2deg(rule.released_at))},
         "warnings": runs.alarms(early),
-        "notes": [*notes.notes, *reported.pop("notes", ())],
+        "notes": [*notes.notes, *reported.pop("notes", ()), *cut],
         "speed": speed,
     } | ({"controller": reported} if reported else {})  # fmt: skip
     return Run(instrument.name, source, calibration, time_s, tuple(notes.names), measurements, found, about)
+
+
+def _at_edge(measurements: Iterable[Measurement], calibration: Calibration) -> list[str]:
+    """Name frames in which the picture may cut off a part of the grab, of which the centre is less exact."""
+    right, bottom = calibration.width_px - EDGE_PX, calibration.height_px - EDGE_PX
+    boxes = [m.box for m in measurements if m.status == "ok" and m.box is not None]
+    cut = sum(min(x0, y0) < EDGE_PX or x1 > right or y1 > bottom for x0, y0, x1, y1 in boxes)
+    return [f"in {cut} frames with an angle the grab's box reaches the picture's edge: centres are less exact"] * bool(
+        cut
+    )
 
 
 def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from simgrab.text import printable
 
 Progress = Callable[[str, int, int], None]
 TESTING = ("angle.", "interval.", "detection.", "reading.")  # limits on frames and alarms alone are met by a constant
+LEAST_HOIST_M = 0.2  # between the shortest and the longest rope
 FEW_SEEDS = 5  # below which the baseline hardly tests other frames
 
 
@@ -236,6 +237,9 @@ def judged(
         notes.append(f"{name}: warning: {left}")
     if found.metrics.get("alarm.sure") == 0 and any(v.what == "alarm.missed" for v in verdicts):
         notes.append(f"{name}: warning: alarm.missed tests nothing, since no swing exceeds 10.5°")
+    rope = np.zeros(1) if found.known is None else found.known.rope_length
+    if np.nanmax(rope) - np.nanmin(rope) < LEAST_HOIST_M and any(v.what.startswith("reading.length") for v in verdicts):
+        notes.append(f"{name}: warning: limits on reading.length test little, since the rope's length hardly changes")
     swing = np.zeros(1) if found.known is None else found.known.alpha[np.isfinite(found.known.alpha)]
     if len(swing) > 1 and np.degrees(swing.std()) < HARDLY_SWINGS_DEG and any(v.constant is not None for v in verdicts):
         spread = f"standard deviation {np.degrees(swing.std()):.2f} deg"

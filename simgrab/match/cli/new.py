@@ -63,6 +63,7 @@ ASKED = {
     "weather": (f"one or more of {', '.join(WEATHERS)}", "clear"),
     "wind": ("mean wind, m/s: it carries rain, snow and dust, and pushes the grab in cycles", "0"),
     "display": ("rope lengths in the picture: none, or two-by-four or four-point-four digits", "none"),
+    "place": ("quay, or random: quays, holds, water and yards, and all else that varies in training", "quay"),
     "motion": ("independent frames (to train on), or cycles of a working crane (video)", "independent"),
 }
 
@@ -294,6 +295,7 @@ def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float, 
 
 def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
     """Keys of the table of the grab, and its volume where that can vary."""
+    from simgrab.judge.own_grab import likely_scale  # imports what renders
 
     def read(text: str) -> str:
         if text.lower() not in GRABS and not Path(text).is_file():
@@ -320,15 +322,19 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
     if known:
         return f'model = "{grab}"{paint}', 0.0
     finish = f'\nfinish = "paint"{paint}' if paint else ""
-    return f'model = "mesh"\nfile = {path} # see: simgrab grab check\nscale = 1.0 # m per unit of the file{finish}', 0.0
+    scale = likely_scale(grab)
+    if scale != 1:
+        answers.assumed.append(f"grab.scale: {scale:g} m per unit of the file, by its size")
+    file_and_unit = f"file = {path} # see: simgrab grab check\nscale = {scale:g} # m per unit of the file"
+    return f'model = "mesh"\n{file_and_unit}{finish}', 0.0
 
 
 def _table(keys: Mapping[str, float]) -> str:
     return f"{{ {', '.join(f'{key} = {value:g}' for key, value in keys.items())} }}" if keys else "{}"
 
 
-def _moods(moods: Sequence[tuple[str, str]], rate: float, wind: float) -> tuple[str, str]:
-    """Lines of light, exposure and weather: as keys, or as what varies where there are several."""
+def _moods(moods: Sequence[tuple[str, str]], rate: float, wind: float, *, varied: bool) -> tuple[str, str]:
+    """Lines of light, exposure and weather: as keys, or as what varies where there are several, or the base varies."""
     made, names, weights = [], list[str](), list[float]()
     for (light, weather), fog_m in ((mood, fog) for mood in moods for fog in (FOGS_M if "fog" in mood else (0,))):
         (sun, sky, keys), night = WEATHERS[weather], light == "night"
@@ -343,7 +349,7 @@ def _moods(moods: Sequence[tuple[str, str]], rate: float, wind: float) -> tuple[
             "shutter.exposure_s": f"{min(0.033 if night else 0.005, round(0.5 / rate, 4))}",
             "weather": _table(keys),
         })  # fmt: skip
-    if len(made) == 1:
+    if len(made) == 1 and not varied:
         return "".join(f"{key} = {value}\n" for key, value in made[0].items()), ""
     rows = [", ".join(f'"{key}" = {value}' for key, value in one.items()) for one in made]
     values = "\n".join(f"  {{ {row} }}," for row in rows)
@@ -409,12 +415,19 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     if short >= long:
         raise _refusal("ropes", f"the second must be above the first, got {short:g} and {long:g}")
     grab, volume = _grab(answers, file)
-    mount = answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0]
     lights = answers.get("light", lambda text: _one_of("day", "night", most=2)(text.replace("both", "day,night")))
     weathers = answers.get("weather", _one_of(*WEATHERS, most=5))
     (wind,) = answers.get("wind", _numbers(0, 40))
     moods = list(itertools.product(lights, weathers))
     cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
+    mount = (
+        "" if not cycles and "mount" not in answers else answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0]
+    )
+    if mount and not cycles:
+        answers.warnings.append("--mount: no effect on independent frames, in which nothing moves the camera")
+    anywhere = (not cycles or "place" in answers) and answers.get("place", _one_of("quay", "random")) == ["random"]
+    if anywhere and (cycles or fixed):
+        raise _refusal("place", f"random places are of independent frames{', which vary: leave out --fixed' * fixed}")
     swing = f'rope_length_m = {{ dist = "uniform", low = {short:g}, high = {long:g} }}\nclamp = true'
     swing += "\nalpha = { sigma_deg = 2.0 } # size of the swing; far ones must not reach hopper or hatch"
     if cycles:
@@ -424,16 +437,20 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     else:
         calm = ", whatever the wind, which carries rain, snow and dust alone" if wind else ""
         answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
-    if long > head - 3 and not cycles:
+    if anywhere:
+        answers.assumed.append(
+            "place, parked grabs, jib head, lens, sensor and the grab's details vary as in training, and one frame in "
+            "20 shows no grab; keys that this file states do not"
+        )
+    elif long > head - 3 and not cycles:
         answers.assumed.append(f"place: an empty hold, because a grab on {long:g} m of rope reaches below the quay")
         swing += '\n\n[place]\nmodel = "hold"\ndepth_m = 18.0\nfill = 0.0'
     else:
         answers.assumed.append("place: a quay with coal; model and cargo in [place] set it")
-    if not cycles:
-        answers.assumed.append(
-            "every frame shows the grab; absent in [swing] leaves it out, and the mount has no effect"
-        )
-    answers.assumed.append("no noise of the sensor; optics.sensor sets it")
+    if not cycles and not anywhere:
+        answers.assumed.append("every frame shows the grab; absent in [swing] leaves it out")
+    if not anywhere:
+        answers.assumed.append("no noise of the sensor; optics.sensor sets it")
     if fixed:
         answers.assumed.append(
             "the tilt leans outboard, and roll is 0; tilt_azimuth_deg and roll_deg in [camera] set it"
@@ -462,20 +479,23 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         "camera.offset_z_m": (z, around, -3, 1),
         "jib.head_height_m": (head, 0.5, 22, 35),
     }
+    if anywhere:  # of a grab whose paint shows
+        facts |= {"grab.wear": (0.25, 0.25, 0, 1), "grab.residue": (0.2, 0.2, 0, 1)}
     if volume:
         facts["grab.volume_m3"] = (volume, 0.1 * volume, 3, 20)
     if "day" in lights:
         facts |= {"light.sun_elevation_deg": (45, 20, 10, 90), "light.sun_azimuth_deg": (0, 180, -360, 360)}
-    plain, varied = _moods(moods, rate, wind)
+    plain, varied = _moods(moods, rate, wind, varied=anywhere)
     varied += "" if fixed else _tolerances(facts)
     vary = f"\n[vary]{'' if fixed else ' # tolerances of these facts'}\n{varied.rstrip()}\n" if varied else ""
     again = f" # after which [vary] draws again{'' if cycles else '; more of them render faster, and vary less'}"
-    clip = round(CYCLE_S * rate) if cycles else 2  # so that the sheet of the first 16 frames shows 8 draws of [vary]
+    # Random places are slow to build; else the sheet of the first 16 frames shows 8 draws of [vary].
+    clip = round(CYCLE_S * rate) if cycles else 8 if anywhere else 2
     return f"""# Written by simgrab new. simgrab scenes show {file.name} prints every other key with its value.
-base = "quay-day"
+base = "{"training" if anywhere else "quay-day"}"
 name = "{re.sub("[^a-z0-9_-]+", "-", file.stem.lower()).strip("-_")[:64] or "port"}"
 description = "Ropes of {short:g} to {long:g} m, by {" and ".join(lights)}, {", ".join(weathers)}."
-frames = {clip * (1 if fixed else 2) if cycles else 200}
+frames = {clip * (1 if fixed else 2) if cycles else 800 if anywhere else 200}
 {plain}display.layout = "{display}"
 optics.exposure.model = "auto"
 
@@ -488,8 +508,7 @@ beta_deg = {tilt:g} # tilt from the vertical
 offset_x_m = {x:g} # from the rope exit: outboard
 offset_y_m = {y:g} # sideways
 offset_z_m = {z:g} # up
-mount = {{ model = "{mount}" }}{"" if cycles else " # independent frames have no motion on which it acts"}
-
+{f'mount = {{ model = "{mount}" }}{chr(10)}' if cycles else ""}
 [jib]
 head_height_m = {head:g}
 
