@@ -23,7 +23,7 @@ from answers import Answers
 from browser import needs_chromium, shown
 from click.testing import CliRunner
 from faults import FAULTS, LongLens, sound
-from test_mistakes import leaning
+from test_mistakes import leaning, tilt_of
 
 import simgrab
 from simgrab.cli import cli
@@ -325,8 +325,7 @@ def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
     run, known = scene.trial.run, scene.trial.known
     centred = tuple(msgspec.structs.replace(m, centre=(m.centre[0] + 6, m.centre[1])) for m in run.measurements)
     own = by_centres(dataclasses.replace(run, measurements=centred), known) - known.alpha
-    axis = np.reshape([row.jib_from_camera for row in known.rows], (-1, 3, 4))[:, :2, 2]
-    for alpha, stated in ((known.alpha, False), (leaning(known.rows, -axis), True)):
+    for alpha, stated in ((known.alpha, False), (leaning(known.rows, lean=-tilt_of(known.rows)), True)):
         angles = np.maximum(alpha + own, 0)
         found = [msgspec.structs.replace(m, alpha=float(a)) for m, a in zip(centred, angles, strict=True)]
         about = run.about | {"tilt": None, "estimate": None}

@@ -45,11 +45,19 @@ def rows_of(scenario, frames=FRAMES):
     return rows, np.array([row.alpha for row in rows])
 
 
-def leaning(rows, by):
-    """Swings of a pipeline whose vertical leans by vectors (..., 2), rad, jib frame."""
+def leaning(rows, by=0.0, lean=(0.0, 0.0)):
+    """Swings of a pipeline whose directions are moved by vectors (n, 2), and whose vertical leans by (2,), rad."""
     grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
-    level = grab / np.linalg.norm(grab, axis=1, keepdims=True)
-    return np.arcsin(np.linalg.norm(level[:, :2] + by, axis=1))
+    level = (grab / np.linalg.norm(grab, axis=1, keepdims=True))[:, :2] + by
+    size = max(np.linalg.norm(lean), 1e-12)
+    gravity = np.append(-np.sin(size) * np.asarray(lean) / size, -np.cos(size))
+    return np.arccos(np.column_stack([level, -np.sqrt(1 - np.sum(level**2, axis=1))]) @ gravity)
+
+
+def tilt_of(rows):
+    """Tilt of a camera that does not turn, (2,), rad."""
+    axis = np.mean([np.reshape(row.jib_from_camera, (3, 4))[:2, 2] for row in rows], axis=0)
+    return axis / np.linalg.norm(axis) * np.arcsin(np.linalg.norm(axis))
 
 
 @pytest.mark.parametrize(("name", "scene"), SCENES)
@@ -60,7 +68,7 @@ def test_no_mistake_is_named_where_there_is_none(name, scene):
         for measured in (true, true + np.deg2rad(0.4)):
             assert likely(np.abs(measured + noise), true, rows, None) is None
         for deg in (3.0, -3.0):
-            found = likely(np.abs(leaning(rows, [np.deg2rad(deg), 0]) + noise), true, rows, None)
+            found = likely(np.abs(leaning(rows, lean=[np.deg2rad(deg), 0]) + noise), true, rows, None)
             assert found is None or WRONG_TILT.fullmatch(found.text)
     lengths = np.random.default_rng(0).normal(20, 4, FRAMES)
     assert of_rope(lengths + np.random.default_rng(1).normal(0, 0.1, FRAMES), lengths) is None
@@ -69,14 +77,17 @@ def test_no_mistake_is_named_where_there_is_none(name, scene):
 
 def test_a_tilt_that_is_left_out_or_wrong_is_named():
     rows, true = truth("weather", "calm")
-    axis = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 2]
-    deg = np.rad2deg(np.linalg.norm(axis.mean(axis=0)))
-    for by, text in (
+    axis = tilt_of(rows)
+    deg = np.rad2deg(np.linalg.norm(axis))
+    for lean, text in (
         (-axis, f"is {deg:.2f}° wrong, as if the tilt of {deg:.1f}° were left out"),
         (-2 * axis, f"is {2 * deg:.2f}° wrong, as if the tilt of {deg:.1f}° had the opposite sign"),
         (0.5 * axis, f"is {deg / 2:.2f}° wrong"),
     ):
-        assert likely(leaning(rows, by), true, rows, None).text == f"The angles are as with a camera tilt that {text}"
+        assert (
+            likely(leaning(rows, lean=lean), true, rows, None).text
+            == f"The angles are as with a camera tilt that {text}"
+        )
 
 
 def test_a_tilt_that_is_far_off_is_named_beside_a_focal_length():
@@ -87,7 +98,7 @@ def test_a_tilt_that_is_far_off_is_named_beside_a_focal_length():
     grab, camera = (np.reshape([getattr(row, f"jib_from_{of}") for row in rows], (-1, 3, 4))[..., 3]
                     for of in ("grab", "camera"))  # fmt: skip
     ray = (grab - camera) / np.linalg.norm(grab - camera, axis=1, keepdims=True)
-    text = likely(leaning(rows, -0.03 * (ray[:, :2] - axis) - 2 * axis), true, rows, None).text
+    text = likely(leaning(rows, -0.03 * (ray[:, :2] - axis), -2 * tilt_of(rows)), true, rows, None).text
     assert re.search(r"of 1\d+ px, and with a camera tilt that is 1[12]\.\d\d° wrong, as if .* had the opposite", text)
 
 
@@ -98,11 +109,10 @@ def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
     offset = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 3]
     length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
     by = (factor - 1) * offset / length
-    if follows:  # the tilt that is estimated from the same record
-        by = by - by.mean(axis=0)
+    lean = -by.mean(axis=0) if follows else np.zeros(2)  # of the tilt that is estimated from the same record
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.05), len(true))
     across = np.linalg.norm(offset[0])
-    assert likely(leaning(rows, by) + noise, true, rows, None).text == (
+    assert likely(leaning(rows, by, lean) + noise, true, rows, None).text == (
         f"The angles are as if the camera's horizontal offset of {across:.2f} m were {what}"
     )
 
@@ -113,9 +123,8 @@ def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
 def test_on_a_rope_of_constant_length_an_offset_and_a_tilt_along_it_look_alike(azimuth, also):
     changes = {"camera.tilt_azimuth_deg": azimuth, "camera.beta_deg": np.degrees(0.6 / 18), "frames": 192}
     rows, true = rows_of(scenes.load("free-swing", changes))
-    axis = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 2]
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.03), len(true))
-    text = likely(leaning(rows, -axis) + noise, true, rows, None).text
+    text = likely(leaning(rows, lean=-tilt_of(rows)) + noise, true, rows, None).text
     assert "with a camera tilt that is 1.9" in text
     assert "as if the tilt of 1.9° were left out" in text
     assert (also and f"The angles are as {also}, or with a camera tilt" in text) or not also
@@ -142,7 +151,7 @@ def test_an_offset_that_is_wrong_otherwise_is_named(follows, used, rope_known, t
     length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
     by = (np.array(used) - [0.5, 0.9]) / length
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.005), len(true))
-    measured = leaning(rows, by - by.mean(axis=0) if follows else by) + noise
+    measured = leaning(rows, by, -by.mean(axis=0) if follows else np.zeros(2)) + noise
     assert likely(measured, true, rows, None, rope_known=rope_known).text == f"The angles are as {text}"
 
 
@@ -194,7 +203,7 @@ def test_a_lens_that_is_taken_to_be_without_distortion_is_named(follows):
     rays = [np.array([[(u - k.cx_px) / k.fx_px, (v - k.cy_px) / k.fx_px, 1] for (u, v), k in some]) for some in rays]
     bent, straight = (np.einsum("nij,nj->ni", rotation, r / np.linalg.norm(r, axis=1, keepdims=True)) for r in rays)
     by = (bent - straight)[:, :2]
-    measured = leaning(rows, by - by.mean(axis=0) if follows else by)
+    measured = leaning(rows, by, -by.mean(axis=0) if follows else np.zeros(2))
     measured = measured + np.random.default_rng(0).normal(0, np.deg2rad(0.01), len(true))
     assert likely(measured, true, rows, None).text == "The angles are as if the lens's distortion were left out"
 
@@ -223,10 +232,10 @@ def test_a_focal_length_is_named(tilt, factor):
     swing = swing + wrong - ray / np.linalg.norm(ray, axis=1, keepdims=True)
     known = np.arctan2(np.linalg.norm(swing[:, :2], axis=1), -swing[:, 2])
     at_fault = swing - grab[..., 3] / np.linalg.norm(grab[..., 3], axis=1, keepdims=True)
-    moved = (at_fault - at_fault.mean(axis=0))[:, :2]
+    moved, lean = at_fault[:, :2], -at_fault.mean(axis=0)[:2]
     measured = {
-        "known": known, "follows": np.arctan(factor * np.tan(true)), "estimated": leaning(rows, moved),
-        "in wind": leaning(rows, moved + [0.0, np.deg2rad(1.5)]),
+        "known": known, "follows": np.arctan(factor * np.tan(true)), "estimated": leaning(rows, moved, lean),
+        "in wind": leaning(rows, moved, lean + [0.0, np.deg2rad(1.5)]),
     }[tilt]  # fmt: skip
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.02), len(true))
     found = likely(measured + noise, true, rows, None)

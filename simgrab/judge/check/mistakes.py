@@ -20,7 +20,7 @@ NEAR = 0.15  # how far a factor may be from 0 of what is left out, or from -1 of
 CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
 LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing shows no direction
 MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
-NOTHING = 1e-6  # rad, below which errors are rounding
+NOTHING = 2e-5  # rad, below which errors tell no explanation from another
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor, a constant or a delay must leave at most
 REFRESH_S = 0.3  # by which a displayed length may be older than its display is late
 
@@ -116,6 +116,9 @@ def _of_geometry(measured: Array, true: Array, rows: Sequence[Row], *, rope_know
     return [*as_with, Mistake("", measured - true - np.mean(measured - true), 1)]
 
 
+_NO_LEAN = np.zeros(2)
+
+
 @dataclass(frozen=True, eq=False)
 class _Fits:
     """Explanations of measured swings (n,), rad, by what moves the direction of the true swing, jib x and y (n, 2).
@@ -132,13 +135,18 @@ class _Fits:
         x = least_squares(lambda x: predict(x) - self.measured, start).x
         return x, self.measured - predict(x)
 
-    def _moved(self, by: Array) -> Array:
-        return np.arcsin(np.clip(np.linalg.norm(self.swing + by, axis=1), 0, 1))
+    def _moved(self, by: Array | float = 0.0, lean: Array = _NO_LEAN) -> Array:
+        """Swings (n,), rad, of directions whose horizontal parts are moved, from a vertical that leans by (2,), rad."""
+        level = self.swing + by
+        size = float(np.linalg.norm(lean))
+        across = -np.sinc(size / np.pi) * lean
+        down = np.sqrt(np.maximum(1 - np.sum(level**2, axis=1), 0))
+        return np.arccos(np.clip(level @ across + np.cos(size) * down, -1, 1))
 
     @cached_property
     def lean(self) -> tuple[Array, Array]:
         """By how much the tilt is wrong if nothing else is, (2,), rad, and the errors (n,) that this leaves."""
-        return self.least(self._moved, 1e-3, 1e-3)
+        return self.least(lambda lean: self._moved(lean=lean), 1e-3, 1e-3)
 
     @property
     def tilt(self) -> Mistake:
@@ -173,7 +181,7 @@ class _Fits:
         x, left = self.least(lambda x: self._moved(by(x)), *start)
         alone = Mistake(text(x), left, k)
         starts = (*start, 1e-3, 1e-3), (*nothing, *self.lean[0])
-        fits = [self.least(lambda x: self._moved(by(x[:k]) + x[k:]), *start) for start in starts]
+        fits = [self.least(lambda x: self._moved(by(x[:k]), x[k:]), *start) for start in starts]
         x, left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
         beside = Mistake(text(x[:k]), left, k + 2)
         if np.linalg.norm(x[k:]) > 2 * np.sqrt(np.mean(np.sum(by(x[:k]) ** 2, axis=1))):
