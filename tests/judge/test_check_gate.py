@@ -324,9 +324,13 @@ def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
     (scene,) = check(place, sound).scenes.values()
     run, known = scene.trial.run, scene.trial.known
     centred = tuple(msgspec.structs.replace(m, centre=(m.centre[0] + 6, m.centre[1])) for m in run.measurements)
-    own = by_centres(dataclasses.replace(run, measurements=centred), known) - known.alpha
-    for alpha, stated in ((known.alpha, False), (leaning(known.rows, lean=-tilt_of(known.rows)), True)):
-        angles = np.maximum(alpha + own, 0)
+    seen = []
+    for row, centre in zip(known.rows, by_centres(dataclasses.replace(run, measurements=centred), known), strict=True):
+        pose = np.reshape(row.jib_from_grab, (3, 4))
+        pose[:, 3] = centre
+        seen.append(msgspec.structs.replace(row, jib_from_grab=tuple(pose.ravel())))
+    for lean in (np.zeros(2), -tilt_of(known.rows)):
+        angles, stated = leaning(seen, lean=lean), bool(lean.any())
         found = [msgspec.structs.replace(m, alpha=float(a)) for m, a in zip(centred, angles, strict=True)]
         about = run.about | {"tilt": None, "estimate": None}
         trial = dataclasses.replace(scene.trial, run=dataclasses.replace(run, measurements=tuple(found), about=about))

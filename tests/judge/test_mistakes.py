@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from simgrab.judge.check import suite
 from simgrab.judge.check.mistakes import likely, of_rope
@@ -46,12 +47,18 @@ def rows_of(scenario, frames=FRAMES):
 
 
 def leaning(rows, by=0.0, lean=(0.0, 0.0)):
-    """Swings of a pipeline whose directions are moved by vectors (n, 2), and whose vertical leans by (2,), rad."""
-    grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
-    level = (grab / np.linalg.norm(grab, axis=1, keepdims=True))[:, :2] + by
-    size = max(np.linalg.norm(lean), 1e-12)
-    gravity = np.append(-np.sin(size) * np.asarray(lean) / size, -np.cos(size))
-    return np.arccos(np.column_stack([level, -np.sqrt(1 - np.sum(level**2, axis=1))]) @ gravity)
+    """Swings of a pipeline whose directions are moved by vectors (n, 2), and whose tilt is wrong by (2,), rad."""
+    grab, camera = (np.reshape([getattr(row, f"jib_from_{of}") for row in rows], (-1, 3, 4))[..., 3]
+                    for of in ("grab", "camera"))  # fmt: skip
+    length = np.linalg.norm(grab, axis=1, keepdims=True)
+    level = (grab / length)[:, :2] + by
+    found = length * np.column_stack([level, -np.sqrt(1 - np.sum(level**2, axis=1))])
+    turn = Rotation.from_rotvec([lean[1], -lean[0], 0.0])  # of the rays, about the camera, for ropes of the same length
+    ray = turn.apply(found - camera)
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    along = np.sum(ray * camera, axis=1, keepdims=True)
+    reach = np.sqrt(along**2 + length**2 - np.sum(camera**2, axis=1, keepdims=True)) - along
+    return np.arccos(-((camera + reach * ray) / length)[:, 2])
 
 
 def tilt_of(rows):

@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.instrument.run.runs import Run, reasons
 from simgrab.judge.check.mistakes import Mistake, likely, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
-from simgrab.judge.evaluate.budget import by_centres, of_tilt, with_lengths
+from simgrab.judge.evaluate.budget import by_centres, of_tilt, swing_of, with_lengths
 from simgrab.judge.evaluate.swings import angles
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array
@@ -70,9 +70,9 @@ def causes(
         given = bool(np.isfinite(read).any()) and wrong is None
         mistake = None
         if moves and not lengths:
-            of_centres = _of_centres(run, trial.known)
-            mistake = likely(run.alpha - of_centres, true, trial.known.rows, run.time, rope_known=given)
-            mistake = mistake and mistake._replace(left=mistake.left + of_centres)
+            seen, grab = _by_centres(run, trial.known)
+            mistake = likely(run.alpha, seen, trial.known.rows, run.time, grab=grab, rope_known=given)
+            mistake = mistake and mistake._replace(left=mistake.left + seen - true)
         if mistake and not meets(_metrics(true + mistake.left, trial.known)):
             mistake = None
         rmse = _rms(measured - swing)
@@ -86,12 +86,13 @@ def causes(
         yield from found or ([] if mistake or lengths else [UNEXPLAINED])
 
 
-def _of_centres(run: Run, known: Truths) -> Array:
-    """Errors of the angle (n,), rad, that its centres cause, where these explain some of it; else zeros."""
-    own = by_centres(run, known) - known.alpha
-    some = np.isfinite(own) & np.isfinite(run.alpha)
-    error = (run.alpha - known.alpha)[some]
-    return own if some.any() and _rms(error - own[some]) < _rms(error) else np.zeros(len(own))
+def _by_centres(run: Run, known: Truths) -> tuple[Array, Array | None]:
+    """Swings (n,), rad, and places of the grab (n, 3) by a run's centres; the true swings if these explain nothing."""
+    grab = by_centres(run, known)
+    swing = swing_of(grab)
+    some = np.isfinite(swing) & np.isfinite(run.alpha)
+    explains = some.any() and _rms((run.alpha - swing)[some]) < _rms((run.alpha - known.alpha)[some])
+    return (swing, grab) if explains else (known.alpha, None)
 
 
 def _of_lengths(mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:
@@ -149,7 +150,7 @@ def _of_stages(
 ) -> Iterator[str]:
     """Name the first stage of the pipeline that explains its RMSE of the angle: centre, tilt, or the rest."""
     later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
-    centre_deg, tilt = np.rad2deg(_rms_of(by_centres(run, known) - known.alpha)), of_tilt(run, known)
+    centre_deg, tilt = np.rad2deg(_rms_of(swing_of(by_centres(run, known)) - known.alpha)), of_tilt(run, known)
     budget = None if trial.evaluation is None else trial.evaluation.budget
     if trial.centres and centre_deg**2 > rmse**2 / 2:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
+from scipy.spatial.transform import Rotation
 
 from simgrab.model.geometry import Array, Pose
 from simgrab.model.truth import Row
@@ -20,7 +21,8 @@ NEAR = 0.15  # how far a factor may be from 0 of what is left out, or from -1 of
 CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
 LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing shows no direction
 MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
-NOTHING = 2e-5  # rad, below which errors tell no explanation from another
+NOTHING = 1e-6  # rad, below which errors are rounding
+LEAST_SHARE = 0.01  # of the errors, below which it does not matter which explanation leaves less
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor, a constant or a delay must leave at most
 REFRESH_S = 0.3  # by which a displayed length may be older than its display is late
 
@@ -48,8 +50,9 @@ class Mistake(NamedTuple):
 
 
 def likely(
-    measured: Array, true: Array, rows: Sequence[Row | None], time: Array | None, *, rope_known: bool = False
-) -> Mistake | None:
+    measured: Array, true: Array, rows: Sequence[Row | None], time: Array | None, *, grab: Array | None = None,
+    rope_known: bool = False,
+) -> Mistake | None:  # fmt: skip
     """Find the mistake that leaves the least errors: at most half of them, and clearly less than any other.
 
     Parameters
@@ -59,6 +62,8 @@ def likely(
     rows : sequence of n Row or None
     time : ndarray, shape (n,), or None
         s; None for independent frames.
+    grab : ndarray, shape (n, 3), optional
+        Grab centres of these swings, m, jib frame, in place of the rows'.
     rope_known : bool
         Whether the rope lengths that these angles follow from are known to be right.
     """
@@ -67,7 +72,8 @@ def likely(
     if len(some) < FEWEST:
         return None
     found = [_late("The measured angles", measured, true, time)]
-    for one in _of_geometry(measured[known], true[known], some, rope_known=rope_known):
+    places = np.reshape([row.jib_from_grab for row in some], (-1, 3, 4))[..., 3] if grab is None else grab[known]
+    for one in _of_geometry(measured[known], true[known], some, places, rope_known=rope_known):
         left = np.full(len(true), np.nan)
         left[known] = one.left
         found.append(one._replace(left=left))
@@ -89,24 +95,27 @@ def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistak
     return found[n]._replace(text=f"{what} are those of {frames} {'before' if n > 0 else 'after'} theirs")
 
 
-def _of_geometry(measured: Array, true: Array, rows: Sequence[Row], *, rope_known: bool) -> list[Mistake]:
+def _of_geometry(
+    measured: Array, true: Array, rows: Sequence[Row], grab: Array, *, rope_known: bool
+) -> list[Mistake]:  # fmt: skip
     """Explain by a tilt, a focal length, an offset, the lens's distortion, and by a constant."""
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
-    grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
     f_px, axis, offset = rows[0].fx_px, camera.rotation[:, :2, 2], camera.translation[:, :2]
-    fits = _Fits(measured, _level(grab), axis.mean(axis=0))
+    rope = np.linalg.norm(grab, axis=1)
+    least = LEAST_SHARE * Mistake("", measured - true).rms
+    fits = _Fits(measured, _level(grab), camera.translation / rope[:, None], axis.mean(axis=0), least)
 
     def lens(factor: float) -> str:
         inside = FOCAL[0] < factor < FOCAL[1]
         return f"with a focal length of {f_px / factor:.0f} px in place of {f_px:.0f} px" if inside else ""
 
     tilt = fits.tilt
-    (factor,), left = fits.least(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
+    (factor,), left = fits.fit(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
     of_lens = fits.factor(_level(grab - camera.translation) - axis, lens)
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
     shift = _of_offset(fits, offset, 1 / np.linalg.norm(grab, axis=1, keepdims=True), rope_known=rope_known)
     found = [tilt, focal, shift]
-    if max(shift.rms, tilt.rms) < CLEARLY * min(shift.rms, tilt.rms):  # as on a rope of constant length
+    if max(shift.rms, tilt.rms) < CLEARLY * max(min(shift.rms, tilt.rms), least):  # as on a rope of constant length
         alike = (tilt, shift) if shift.any_offset else (shift, tilt)
         found = [tilt._replace(text=", or ".join(one.text for one in alike if one.text)), focal]
     bent, straight = (_along(camera, rows, of) for of in ("grab", "ideal"))
@@ -123,30 +132,37 @@ _NO_LEAN = np.zeros(2)
 class _Fits:
     """Explanations of measured swings (n,), rad, by what moves the direction of the true swing, jib x and y (n, 2).
 
-    ``axis`` (2,) is the mean of the optical axis.
+    ``camera`` (n, 3) is where the camera is, in lengths of the rope, ``axis`` (2,) the mean of the optical axis. Errors
+    of less than ``least``, rad, say nothing about which explanation is right.
     """
 
     measured: Array
     swing: Array
+    camera: Array
     axis: Array
+    least: float
 
-    def least(self, predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
+    def fit(self, predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
         """Fit parameters; returns them and the errors (n,) that they leave."""
         x = least_squares(lambda x: predict(x) - self.measured, start).x
         return x, self.measured - predict(x)
 
     def _moved(self, by: Array | float = 0.0, lean: Array = _NO_LEAN) -> Array:
-        """Swings (n,), rad, of directions whose horizontal parts are moved, from a vertical that leans by (2,), rad."""
+        """Swings (n,), rad, of directions whose horizontal parts are moved, with a tilt that is wrong by (2,), rad."""
         level = self.swing + by
-        size = float(np.linalg.norm(lean))
-        across = -np.sinc(size / np.pi) * lean
-        down = np.sqrt(np.maximum(1 - np.sum(level**2, axis=1), 0))
-        return np.arccos(np.clip(level @ across + np.cos(size) * down, -1, 1))
+        grab = np.column_stack([level, -np.sqrt(np.maximum(1 - np.sum(level**2, axis=1), 0))])
+        if lean.any():  # rays turn about the camera, and the rope is as long
+            ray = Rotation.from_rotvec([lean[1], -lean[0], 0.0]).apply(grab - self.camera)
+            ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+            along = np.sum(ray * self.camera, axis=1)
+            reach = np.sqrt(np.maximum(along**2 + 1 - np.sum(self.camera**2, axis=1), 0)) - along
+            grab = self.camera + reach[:, None] * ray
+        return np.arctan2(np.linalg.norm(grab[:, :2], axis=1), -grab[:, 2])
 
     @cached_property
     def lean(self) -> tuple[Array, Array]:
         """By how much the tilt is wrong if nothing else is, (2,), rad, and the errors (n,) that this leaves."""
-        return self.least(lambda lean: self._moved(lean=lean), 1e-3, 1e-3)
+        return self.fit(lambda lean: self._moved(lean=lean), 1e-3, 1e-3)
 
     @property
     def tilt(self) -> Mistake:
@@ -178,15 +194,15 @@ class _Fits:
         mistake of its own, and named beside them. ``nothing`` are those that move nothing.
         """
         k = len(start)
-        x, left = self.least(lambda x: self._moved(by(x)), *start)
+        x, left = self.fit(lambda x: self._moved(by(x)), *start)
         alone = Mistake(text(x), left, k)
         starts = (*start, 1e-3, 1e-3), (*nothing, *self.lean[0])
-        fits = [self.least(lambda x: self._moved(by(x[:k]), x[k:]), *start) for start in starts]
+        fits = [self.fit(lambda x: self._moved(by(x[:k]), x[k:]), *start) for start in starts]
         x, left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
         beside = Mistake(text(x[:k]), left, k + 2)
         if np.linalg.norm(x[k:]) > 2 * np.sqrt(np.mean(np.sum(by(x[:k]) ** 2, axis=1))):
             beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[k:])}", left, k + 2, of_tilt=True)
-        far = len(self.swing) >= ENOUGH and beside.rms < self.tilt.rms / CLEARLY**2
+        far = len(self.swing) >= ENOUGH and max(beside.rms, self.least) < self.tilt.rms / CLEARLY**2
         return beside if beside.text and far and AS_GOOD * beside.rms < alone.rms else alone
 
 

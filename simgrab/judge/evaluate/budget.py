@@ -155,7 +155,7 @@ class _Parts:
         """Tilt in degrees, if any, and swings (n,), rad, of a stage; NaN if the estimator refuses."""
         pixels, rope, camera = self.centre[stage.centre], self.rope[stage.rope], self.camera[stage.camera]
         if stage.tilt == "true":
-            return None, by_pose(self.rows, pixels, rope)
+            return None, swing_of(by_pose(self.rows, pixels, rope))
         if stage.tilt == "constant":
             tilt = steady(self.rows, camera)
             return tilt.beta_deg, follow(tilt, pixels, camera, rope_length=rope)[0]
@@ -225,11 +225,11 @@ def with_lengths(run: Run, known: Truths, rope: Literal["true", "read"]) -> Arra
 
 
 def by_centres(run: Run, known: Truths) -> Array:
-    """Return swings (n,), rad, that follow from a run's centres if all else is true; NaN where it states none."""
-    parts, alpha = _Parts.of(run, known), np.full(len(run.measurements), np.nan)
+    """Return grab centres (n, 3), m, jib frame, that follow from a run's pixels if all else is true, or NaN."""
+    parts, found = _Parts.of(run, known), np.full((len(run.measurements), 3), np.nan)
     if parts is not None and len({_built(row) for row in parts.rows}) == 1:
-        alpha[parts.some] = by_pose(parts.rows, parts.centre["detected"], parts.rope["true"])
-    return alpha
+        found[parts.some] = by_pose(parts.rows, parts.centre["detected"], parts.rope["true"])
+    return found
 
 
 def _given(run: Run) -> Known | None:
@@ -259,7 +259,7 @@ def true_camera(rows: Sequence[Row], nominal: Calibration) -> Calibration:
 
 
 def by_pose(rows: tuple[Row, ...], pixels: Array, rope: Array) -> Array:
-    r"""Swing of a grab seen at pixels (n, 2) by cameras of known pose, \|OA\| being rope (n,): rad, shape (n,)."""
+    r"""Centre A (n, 3), m, jib frame, of a grab seen at pixels (n, 2) by cameras of known pose, with \|OA\| (n,)."""
     pose = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)
     camera = true_camera(rows, _any_camera(rows[0])).intrinsics
     ray = np.einsum("nij,nj->ni", pose[:, :, :3], camera.rays(pixels))
@@ -268,7 +268,11 @@ def by_pose(rows: tuple[Row, ...], pixels: Array, rope: Array) -> Array:
     # Where the ray meets the sphere of radius l about O.
     along = np.sum(ray * origin, axis=-1)
     reach = np.sqrt(np.maximum(along**2 + rope**2 - np.sum(origin**2, axis=-1), 0)) - along
-    grab = origin + reach[:, None] * ray
+    return np.asarray(origin + reach[:, None] * ray)
+
+
+def swing_of(grab: Array) -> Array:
+    """Swings (n,), rad, of grab centres (n, 3), jib frame."""
     return np.arctan2(np.hypot(grab[:, 0], grab[:, 1]), -grab[:, 2])
 
 
