@@ -6,6 +6,7 @@ import trimesh
 
 import simgrab
 from simgrab.dataset.notices import notices
+from simgrab.dataset.summary import Summary, Tally, TallyColumns, doubts
 from simgrab.world.extensions import Recipe
 
 SMALL = {
@@ -67,3 +68,15 @@ def test_pictures_repeat_where_the_line_says_so(changes):
     assert (len(empty) > 1) == (EMPTY in changes)
     repeat = len(set(empty)) < len(empty) if EMPTY in changes else np.array_equal(*second)
     assert repeat == bool(notices(made))
+
+
+@pytest.mark.parametrize("below", [0, 2])
+def test_grabs_that_are_seen_but_have_no_label_are_named(below):
+    scenario = simgrab.load("quay-day")
+    fractions = (0.0, *[0.05] * below, 0.2)
+    rows = [TallyColumns("train", 1.0, 5.0, 20.0, "", fraction) for fraction in fractions]
+    tally = Tally.of(rows[:1], scenario) + Tally.of(rows[1:], scenario)
+    assert (tally.labelled, tally.below_least) == (1, below)
+    found = doubts(Summary.of("runs/a", tally, scenario, len(rows), ""))
+    assert len(found) == (below > 0)
+    assert not below or "have no label: 2" in found[0]

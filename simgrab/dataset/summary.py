@@ -65,16 +65,16 @@ class Tally(msgspec.Struct, frozen=True):
         names = [row.split for row in rows]
         ropes, betas = [row.rope_length_m for row in rows], [row.beta_deg for row in rows]
         return cls(
-            (names.count(SPLITS[0]), names.count(SPLITS[1]), names.count(SPLITS[2])),
-            sum(row.visible_fraction >= least for row in rows),
-            sum(0 < row.visible_fraction < least for row in rows),
-            math.fsum(row.alpha_deg**2 for row in rows),
-            max((row.alpha_deg for row in rows), default=0.0),
-            min(betas, default=math.inf),
-            max(betas, default=-math.inf),
-            min(ropes, default=math.inf),
-            max(ropes, default=-math.inf),
-            clamped(row.clamped for row in rows),
+            splits=(names.count(SPLITS[0]), names.count(SPLITS[1]), names.count(SPLITS[2])),
+            labelled=sum(row.visible_fraction >= least for row in rows),
+            below_least=sum(0 < row.visible_fraction < least for row in rows),
+            alpha_squares=math.fsum(row.alpha_deg**2 for row in rows),
+            alpha_max=max((row.alpha_deg for row in rows), default=0.0),
+            beta_min=min(betas, default=math.inf),
+            beta_max=max(betas, default=-math.inf),
+            shortest_m=min(ropes, default=math.inf),
+            longest_m=max(ropes, default=-math.inf),
+            clamped=clamped(row.clamped for row in rows),
         )
 
     @property
@@ -85,16 +85,16 @@ class Tally(msgspec.Struct, frozen=True):
     def __add__(self, other: Tally) -> Tally:
         train, val, test = (a + b for a, b in zip(self.splits, other.splits, strict=True))
         return Tally(
-            (train, val, test),
-            self.labelled + other.labelled,
-            self.below_least + other.below_least,
-            self.alpha_squares + other.alpha_squares,
-            max(self.alpha_max, other.alpha_max),
-            min(self.beta_min, other.beta_min),
-            max(self.beta_max, other.beta_max),
-            min(self.shortest_m, other.shortest_m),
-            max(self.longest_m, other.longest_m),
-            (self.clamped[0] + other.clamped[0], self.clamped[1] + other.clamped[1]),
+            splits=(train, val, test),
+            labelled=self.labelled + other.labelled,
+            below_least=self.below_least + other.below_least,
+            alpha_squares=self.alpha_squares + other.alpha_squares,
+            alpha_max=max(self.alpha_max, other.alpha_max),
+            beta_min=min(self.beta_min, other.beta_min),
+            beta_max=max(self.beta_max, other.beta_max),
+            shortest_m=min(self.shortest_m, other.shortest_m),
+            longest_m=max(self.longest_m, other.longest_m),
+            clamped=(self.clamped[0] + other.clamped[0], self.clamped[1] + other.clamped[1]),
         )
 
     def stated(self, scenario: Scenario) -> dict[str, dict[str, int]]:
@@ -211,8 +211,8 @@ def doubts(summary: Summary | VideoSummary) -> list[str]:
     """Name visible grabs without a label, and keys of the swing clamped in more than `MANY_CLAMPED` of the frames."""
     hidden = summary.below_least if isinstance(summary, Summary) else 0
     return [
-        f"{hidden} frames show less of the grab than labels.least_visible_fraction, and have no label: a training "
-        "takes it for background, unless you leave them out (docs/loading.md)"
+        f"frames that show less of the grab than labels.least_visible_fraction, and have no label: {hidden}; a "
+        "training takes them for background, unless you leave them out (docs/loading.md)"
     ] * bool(hidden) + [
         f"swing.{key}: {count} of {summary.frames} draws were impossible and were clamped, so they pile up at "
         "the ends of what is possible: state a range that fits, or change the place or the grab"

@@ -61,7 +61,7 @@ class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     alpha_low, alpha_high : float or None
         Ends of its 95 % interval.
     direction : float or None
-        Where the grab swings to: 0 towards the top of the picture, π/2 towards its left, as ``offset_m``; from -π to π.
+        Where the grab swings to, jib frame: 0 is outboard, π/2 to the left of that, seen from above; from -π to π.
     danger : float or None
         Probability that the swing exceeds 10°.
     warning : float or None

@@ -428,7 +428,7 @@ def _of_day(text: str) -> bool:
 def _stated(text: str, zone: tzinfo | None = UTC) -> datetime:
     text = text.strip()
     found = datetime.fromisoformat(f"{EPOCH:%Y-%m-%d}T{text}" if _of_day(text) else text)
-    return found if found.tzinfo else found.replace(tzinfo=zone)
+    return found if found.tzinfo and not (zone and _of_day(text)) else found.replace(tzinfo=zone)
 
 
 def _past_midnight(time: Array, start: float) -> tuple[Array, bool]:

@@ -249,11 +249,12 @@ class Pipeline:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
         ahead_s = None
-        still = estimate is None or not moving(estimator)
-        if still:  # forecasts rest on the tilt of all of the record, but on no later frames
+        if estimate is None or not moving(
+            estimator
+        ):  # forecasts rest on the tilt of all of the record, but on no later frames
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
         measured = angles.measurements(
-            record, alpha, ends, ahead=ahead_s, swing=swing if still or calibration.mount == "fixed" else None
+            record, alpha, ends, ahead=ahead_s, swing=swing if still(calibration, estimator) else None
         )
         return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
 
@@ -310,8 +311,8 @@ class Pipeline:
             if controller is not None and self.feed is not None and self.feed.states_motion:
                 reported = controller.jib_motion(at)[None]
             ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px, reported)
-            fixed = swing if tracker is None else None
-            (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s, fixed)
+            known_way = swing if tracker is None and still(calibration, estimator) else None
+            (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s, known_way)
             watch.frame(frame, measured)
             if self.feed is not None:
                 watch.controller(at, controller, self.feed)
@@ -366,6 +367,11 @@ def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker 
 def moving(estimator: Estimator | None) -> bool:
     """Whether an estimator takes the camera as one that moves."""
     return estimator is not None and (estimator.needs_imu or getattr(estimator, "controller", None) is not None)
+
+
+def still(calibration: Calibration, estimator: Estimator | None) -> bool:
+    """Whether a camera is taken not to move, so that its tilt shows where the grab swings to."""
+    return calibration.mount == "fixed" or (not calibration.mount and not moving(estimator))
 
 
 def _time(observation: Observation) -> float:

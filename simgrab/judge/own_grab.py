@@ -121,7 +121,7 @@ def check(scene: Scenario) -> Understood:
 
 
 def likely_scale(file: str | Path) -> float:
-    """Metres a unit by which the longest side of a model is that of a grab; 1 if it is, or if none or several are.
+    """Metres a unit as a model states it, or else by which its longest side is a grab's; 1 if none or several are.
 
     Raises
     ------
@@ -129,7 +129,10 @@ def likely_scale(file: str | Path) -> float:
         If the file cannot be read.
     """
     grab = Mesh.of(file, scale=UNITS["millimetres"])
-    units = float(_sides(_read(grab)[1]).max()) / grab.scale
+    _, reading = _read(grab)
+    if reading.contents.unit:
+        return UNITS[reading.contents.unit]
+    units = float(_sides(reading).max()) / grab.scale
     fits = [scale for scale in UNITS.values() if USUAL_SIDES_M[0] <= units * scale <= USUAL_SIDES_M[1]]
     return fits[0] if len(fits) == 1 else 1.0
 

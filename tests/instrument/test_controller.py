@@ -339,6 +339,14 @@ def test_times_of_day_may_pass_midnight(tmp_path, start, unit):
     assert len(found.notes) == 1
 
 
+def test_times_of_day_with_a_zone_pass_midnight_by_the_wall_clock(tmp_path):
+    seconds = (TIME + 86_380) % 86_400
+    cells = [f"{int(t // 3600):02d}:{int(t // 60 % 60):02d}:{t % 60:09.6f}+02:00" for t in seconds]
+    about = {"column": "t", "unit": "iso", "start": "23:59:50+02:00"}
+    found = read_controller(plain(tmp_path, column("t", lambda _c: cells), time=about))
+    np.testing.assert_allclose(found.time, TIME - 10, atol=1e-5)
+
+
 def test_a_start_that_is_not_stated_is_named_with_the_clock(tmp_path):
     assert "without time.start" in read_controller(plain(tmp_path)).stated_clock.source
     stated = read_controller(plain(tmp_path, time={"column": "t", "start": 0.0}))

@@ -227,20 +227,32 @@ def test_a_live_record_ends_where_the_whole_one_does(crane):
     assert rms(found - np.degrees(crane.alpha)) < 0.5
 
 
-def test_the_direction_of_the_swing_is_that_of_the_grab_from_below_the_rope_exit(crane):
-    observations = crane.observations()
+@pytest.mark.parametrize("roll_deg", [0.0, 60.0])
+def test_the_direction_of_the_swing_is_that_of_the_grab_from_below_the_rope_exit(roll_deg):
+    swings = swinging.record(frames=FRAMES, camera__roll_deg=roll_deg)
+    observations = swings.observations()
     said = Scripted(observations)
-    live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), crane.calibration)]
-    for measured in (live, made().conclude(observations, crane.calibration).measurements):
+    live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), swings.calibration)]
+    for measured in (live, made().conclude(observations, swings.calibration).measurements):
         found = np.array([np.nan if m.direction is None else m.direction for m in measured])
-        some = (crane.alpha > np.radians(3)) & np.isfinite(found)
+        some = (swings.alpha > np.radians(3)) & np.isfinite(found)
         assert some.sum() > 100
-        assert np.median(np.abs(np.angle(np.exp(1j * (found - crane.direction)[some])))) < np.radians(2)
-    informed = made(controller=controller(crane.time, crane.jib))
-    for mount in ("", "fixed"):  # of a camera that may move there is none
-        camera = msgspec.structs.replace(crane.calibration, mount=mount)
-        measured = informed.conclude(observations, camera).measurements
-        assert all((m.direction is not None) == (mount == "fixed") for m in measured)
+        assert np.median(np.abs(np.angle(np.exp(1j * (found - swings.direction)[some])))) < np.radians(2)
+
+
+@pytest.mark.parametrize(("mount", "alone", "informed"), [
+    ("", True, False), ("fixed", True, True), ("levelled", False, False), ("rigid", False, False),
+])  # fmt: skip
+def test_the_direction_is_stated_of_cameras_that_do_not_move(crane, mount, alone, informed):
+    camera, observations = msgspec.structs.replace(crane.calibration, mount=mount), crane.observations()
+    said = Scripted(observations)
+    live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), camera)][-1:]
+    whole, with_motion = (
+        made(controller=data).conclude(observations, camera).measurements
+        for data in (None, controller(crane.time, crane.jib))
+    )
+    for measured, stated in ((live, alone), (whole, alone), (with_motion, informed)):
+        assert all((m.direction is not None) == stated for m in measured)
 
 
 def test_a_live_record_takes_the_controllers_rope(crane):

@@ -243,7 +243,9 @@ def test_boxes_that_reach_the_edge_of_the_picture_are_named(right, cut):
             return [Measurement(status="ok", alpha=0.1, box=(20.0, 10.0, right, 30.0)) for _ in frames]
 
     found = measure([Frame(picture(i), None) for i in range(2)], CAMERA, Boxes(), source="two")
-    assert ("in 2 frames with an angle the grab's box reaches the picture's edge" in str(found.about["notes"])) == cut
+    assert (
+        "frames whose box reaches the picture's edge, so that the centre is less exact: 2" in str(found.about["notes"])
+    ) == cut
 
 
 def test_a_run_with_too_few_frames_says_so():

@@ -274,12 +274,19 @@ def test_late_lengths_are_named_to_parts_of_a_frame_and_apart_from_the_displays_
     lengths = 15 + 5 * np.sin(time / 10)
     assert re.fullmatch(r"Rope lengths are 1\.(49|50|51) s late", of_rope(read(1.5), lengths, time).text)
     assert re.fullmatch(r"Rope lengths are 1\.(49|50|51) s early", of_rope(read(-1.5), lengths, time).text)
-    own = r", of which 0\.5 s are the display's own delay"
-    assert re.fullmatch(
-        rf"Rope lengths are 1\.(49|50|51) s late{own}", of_rope(read(1.5), lengths, time, lag_s=0.5).text
-    )
-    assert of_rope(read(0.6), lengths, time, lag_s=0.5) is None
-    assert of_rope(read(0.5) - 1.0, lengths, time, lag_s=0.5).text == "Rope lengths are 1.00 m too short"
-    assert of_rope(1.08 * read(0.5), lengths, time, lag_s=0.5).text == "Rope lengths are 1.08 times the true ones"
+    own, ages_s = r", of which 0\.5 s are the display's own delay", (0.5, 0.7)
+    found = of_rope(read(1.9), lengths, time, ages_s=ages_s)
+    assert re.fullmatch(rf"Rope lengths are 1\.(89|90|91) s late{own}", found.text)
+    for late_s in (0.5, 0.6, 0.7):
+        assert of_rope(read(late_s), lengths, time, ages_s=ages_s) is None
+        found = of_rope(read(late_s) - 1.0, lengths, time, ages_s=ages_s)
+        assert re.fullmatch(r"Rope lengths are (0\.9\d|1\.0\d) m too short", found.text)
+        found = of_rope(1.08 * read(late_s), lengths, time, ages_s=ages_s)
+        assert re.fullmatch(r"Rope lengths are 1\.0[78]\d? times the true ones", found.text)
+    assert of_rope(read(0.0) + (time > 40), lengths, time) is None  # the last of them are wrong, and not late
+    still = np.full(FRAMES, 20.0)
+    assert of_rope(still + 3.0 * (time > 40), still, time) is None
+    both = "Rope lengths are 1.15 times the true ones, or 3.00 m too long"
+    assert of_rope(still + 3.0, still, time, ages_s=(5.0, 5.2)).text == both
     drawn = np.random.default_rng(0).normal(20, 4, FRAMES)
     assert of_rope(np.roll(drawn, 1), drawn).text == "Rope lengths are those of 1 frame before theirs"

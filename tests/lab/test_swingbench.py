@@ -620,3 +620,11 @@ def test_a_hidden_season_keeps_its_secrets_when_it_is_continued(tmp_path):
     (tmp_path / "truth").mkdir()
     (tmp_path / "truth" / "season.json").write_text(json.dumps(msgspec.to_builtins(first)))
     assert hidden_like(Season("autumn"), tmp_path) == first
+    with pytest.raises(BenchError, match="the season is not complete; simgrab bench prepare"):
+        published(tmp_path)
+
+
+def test_a_season_of_too_few_frames_is_refused_before_any_clip_is_rendered(tmp_path):
+    with pytest.raises(BenchError, match="no such swing within 2 frames; some 480 are needed"):
+        files.prepare(Season("short", frames=2), tmp_path, workers=1)
+    assert not list(tmp_path.rglob("*.mp4"))

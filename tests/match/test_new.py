@@ -9,6 +9,7 @@ import trimesh
 from commands import run
 
 from simgrab.dataset import preview
+from simgrab.dataset.notices import notices
 from simgrab.errors import SuiteError
 from simgrab.judge.check import suite
 from simgrab.match import data_sheets
@@ -153,6 +154,7 @@ def test_random_places_vary_as_in_training_around_what_is_stated(grab, tmp_path)
     if grab not in GRABS:
         trimesh.creation.cylinder(radius=1200, height=2600).export(tmp_path / grab)
     given = ["--grab", tmp_path / grab if grab not in GRABS else grab, "--mount", "fixed", "--paint", "blue"]
+    given += ["--wind", 5]
     scene, out = new(tmp_path / "a.toml", "--place", "random", *given)
     assert ("grab.scale: 0.001 m per unit" in out) == (grab not in GRABS)
     assert "warning: --mount: no effect on independent frames" in out
@@ -161,7 +163,10 @@ def test_random_places_vary_as_in_training_around_what_is_stated(grab, tmp_path)
     assert len({type(one.place) for one in seen}) > 2
     assert {one.grab.paint_rgb for one in seen} == {tuple(PAINTS["blue"])}
     assert max(one.grab.wear for one in seen) <= 0.5
-    assert {one.weather.rain_mm_h for one in seen} == {0.0}  # the weather is clear unless stated
+    assert {(one.weather.rain_mm_h, one.weather.wind_m_s) for one in seen} == {(0.0, 5.0)}  # clear unless stated
+    assert not any("load" in line for line in notices(Recipe(scene)))
+    assert "ropes are shortened where the grab would reach the ground" not in out
+    assert "shortened" in new(tmp_path / "c.toml", "--place", "random", *given, "--ropes", "20..40")[1]
     for clash in (["--motion", "cycles"], ["--fixed"]):
         assert run("new", tmp_path / "b.toml", "--yes", "--place", "random", *clash)[0] == 2
 

@@ -56,11 +56,13 @@ def causes(
         worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
         yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
     read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
-    wrong = of_rope(read, trial.known.rope_length, run.time, lag_s=trial.dataset.scenario.display.lag_s)
+    display, shown = trial.dataset.scenario.display, trial.dataset.scenario.display_layout is not None
+    ages_s = (display.lag_s, display.lag_s + 1 / display.refresh_hz) if shown else None
+    wrong = of_rope(read, trial.known.rope_length, run.time, ages_s=ages_s)
     lengths = [] if wrong is None else list(_of_lengths(wrong, run, trial.known, meets))
     yield from lengths
-    if not lengths and any(what.startswith("reading.length") for what in failed):
-        yield "No factor, constant or delay was found that explains the errors of the rope lengths."
+    if wrong is None and np.isfinite(read).any() and any(what.startswith("reading.length") for what in failed):
+        yield "No factor, constant or delay beyond the display's own was found that explains the lengths' errors."
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)
@@ -70,14 +72,14 @@ def causes(
         given = bool(np.isfinite(read).any()) and wrong is None
         mistake = None
         if moves and not lengths:
-            seen, grab = _by_centres(run, trial.known)
+            seen, grab = _explained_by_centres(run, trial.known)
             mistake = likely(run.alpha, seen, trial.known.rows, run.time, grab=grab, rope_known=given)
             mistake = mistake and mistake._replace(left=mistake.left + seen - true)
         if mistake and not meets(_metrics(true + mistake.left, trial.known)):
             mistake = None
         rmse = _rms(measured - swing)
         if mistake:
-            rest = np.rad2deg(_rms(mistake.left[np.isfinite(mistake.left)]))
+            rest = np.rad2deg(_rms_of(mistake.left))
             yield f"{mistake.text}. Otherwise the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
             if not mistake.of_tilt:
                 return
@@ -86,13 +88,20 @@ def causes(
         yield from found or ([] if mistake or lengths else [UNEXPLAINED])
 
 
-def _by_centres(run: Run, known: Truths) -> tuple[Array, Array | None]:
-    """Swings (n,), rad, and places of the grab (n, 3) by a run's centres; the true swings if these explain nothing."""
-    grab = by_centres(run, known)
-    swing = swing_of(grab)
+def _explained_by_centres(run: Run, known: Truths) -> tuple[Array, Array | None]:
+    """Swings (n,), rad, and places of the grab (n, 3) by a run's centres; the true swings if these explain nothing.
+
+    Of frames without a centre they are the true ones.
+    """
+    places = by_centres(run, known)
+    swing, true = swing_of(places), np.full(places.shape, np.nan)
+    there = [row is not None for row in known.rows]
+    true[there] = np.reshape([row.jib_from_grab for row in known.rows if row is not None], (-1, 3, 4))[..., 3]
     some = np.isfinite(swing) & np.isfinite(run.alpha)
-    explains = some.any() and _rms((run.alpha - swing)[some]) < _rms((run.alpha - known.alpha)[some])
-    return (swing, grab) if explains else (known.alpha, None)
+    if not some.any() or _rms((run.alpha - swing)[some]) >= _rms((run.alpha - known.alpha)[some]):
+        return known.alpha, None
+    seen = np.isfinite(swing)
+    return np.where(seen, swing, known.alpha), np.where(seen[:, None], places, true)
 
 
 def _of_lengths(mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:

@@ -24,7 +24,6 @@ MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camer
 NOTHING = 1e-6  # rad, below which errors are rounding
 LEAST_SHARE = 0.01  # of the errors, below which it does not matter which explanation leaves less
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor, a constant or a delay must leave at most
-REFRESH_S = 0.3  # by which a displayed length may be older than its display is late
 
 
 class Mistake(NamedTuple):
@@ -271,36 +270,42 @@ def _level(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))[:, :2]
 
 
-def of_rope(read: Array, true: Array, time: Array | None = None, *, lag_s: float = 0.0) -> Mistake | None:
+def of_rope(
+    read: Array, true: Array, time: Array | None = None, *, ages_s: tuple[float, float] | None = None
+) -> Mistake | None:  # fmt: skip
     r"""Find by which factor, constant or delay the lengths \|OA\| (n,), m, of a pipeline err; None if by none.
 
-    ``lag_s`` is how old the displayed lengths are themselves: no mistake, but a part of a delay.
+    ``ages_s`` are the least and the greatest age of lengths on the display: no mistake, but a part of a delay.
     """
-    known = np.isfinite(read) & np.isfinite(true)
-    if known.sum() < FEWEST:
+    if (np.isfinite(read) & np.isfinite(true)).sum() < FEWEST:
         return None
+    references = [true]
     if time is None:
-        shown, found = true, [_late("Rope lengths", read, true, None)]
+        found = [_late("Rope lengths", read, true, None)]
     else:
-        shown, found = _earlier(true, time, lag_s), [_delayed(read, true, time, lag_s)]
-    for reference in (true, shown):
+        found = [_delayed(read, true, time, ages_s)]
+        references += [_earlier(true, time, float(np.mean(ages_s)))] if ages_s else []
+    for reference in references:
         factor, constant = float(np.nanmedian(read / reference)), float(np.nanmedian(read - reference))
+        by_factor = Mistake(f"{factor:.3g} times the true ones", read / (factor or 1.0) - reference)
         side = "long" if constant > 0 else "short"
-        found += [
-            Mistake(f"Rope lengths are {factor:.3g} times the true ones", read / (factor or 1.0) - reference),
-            Mistake(f"Rope lengths are {abs(constant):.2f} m too {side}", read - constant - reference),
-        ]
+        by_constant = Mistake(f"{abs(constant):.2f} m too {side}", read - constant - reference)
+        better, other = sorted((by_factor, by_constant), key=lambda one: one.rms)
+        text = f"{better.text}, or {other.text}" if other.rms < CLEARLY * better.rms else better.text
+        found.append(better._replace(text=f"Rope lengths are {text}"))
     best = min(found, key=lambda one: one.rms)
-    return best if best.text and best.rms < ROPE_SHARE * Mistake("", read - true).rms else None
+    right = min(Mistake("", read - reference).rms for reference in references)
+    limit = min(ROPE_SHARE * Mistake("", read - true).rms, right / CLEARLY)
+    return best if best.text and best.rms < limit else None
 
 
 def _earlier(true: Array, time: Array, by_s: float) -> Array:
-    """Values (n,) at the frames' times less a delay; NaN before the first, and after the last."""
+    """Values (n,) at the frames' times less a delay; beyond the record its first or last."""
     known = np.isfinite(true)
-    return np.interp(time - by_s, time[known], true[known], left=np.nan, right=np.nan)
+    return np.interp(time - by_s, time[known], true[known])
 
 
-def _delayed(read: Array, true: Array, time: Array, lag_s: float) -> Mistake:
+def _delayed(read: Array, true: Array, time: Array, ages_s: tuple[float, float] | None) -> Mistake:
     """Explain rope lengths by a delay, s, unless it is the display's own."""
     step = float(np.median(np.diff(time)))
     most = min(MOST_LATE, len(time) // 3)
@@ -310,6 +315,7 @@ def _delayed(read: Array, true: Array, time: Array, lag_s: float) -> Mistake:
 
     first = min(step * np.arange(-most, most + 1), key=lambda by_s: left(by_s).rms)
     by_s = float(minimize_scalar(lambda x: left(x).rms, bounds=(first - step, first + step), method="bounded").x)
-    own = f", of which {lag_s:g} s are the display's own delay" if lag_s and by_s > 0 else ""
-    text = f"Rope lengths are {abs(by_s):.2f} s {'late' if by_s > 0 else 'early'}{own}"
-    return left(by_s)._replace(text="" if abs(by_s - lag_s) < REFRESH_S else text)
+    text = f"Rope lengths are {abs(by_s):.2f} s {'late' if by_s > 0 else 'early'}"
+    if ages_s and by_s > ages_s[0] - step / 2:
+        text = f"{text}, of which {ages_s[0]:g} s are the display's own delay" if by_s > ages_s[1] + step else ""
+    return left(by_s)._replace(text=text)

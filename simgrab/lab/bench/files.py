@@ -259,10 +259,8 @@ def published(folder: Path) -> Published:
         If there is none, or of another version.
     """
     path = folder / CLIPS / SEASON
-    if folder.is_dir() and not path.exists():
-        raise BenchError(
-            f"{folder}: no complete season: it has no {CLIPS}/{SEASON}; simgrab bench prepare goes on with it"
-        )
+    if not path.exists() and (folder / TRUTH / SEASON).exists():
+        raise BenchError(f"{folder}: the season is not complete; simgrab bench prepare with its options goes on")
     return convert(read_json(path, BenchError), Published, BenchError, path)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simgrab.errors import StressError
 from simgrab.lab.stress import swings
 from simgrab.lab.stress.records import PROBE_ALPHA, PROBES, Records
 from simgrab.lab.stress.situation import KEYS as KEYS
@@ -35,12 +36,19 @@ def draw(situation: Situation, seed: int, trials: Sequence[int]) -> Records:
     seed : int
     trials : sequence of int
         Numbers of the replications.
+
+    Raises
+    ------
+    StressError
+        If they are all the same.
     """
     draws, probes = Draws(seed, trials, situation.frames), Draws(seed, trials, PROBES)
     motion = swings.draw(situation, draws)
     ring = swings.ring(probes, motion, PROBE_ALPHA, situation.azimuth)
     pixels = _missed(situation, draws, motion, _seen(situation, draws, motion))
     rope = swings.reported_rope(situation, draws, motion.rope)
+    if situation.motion and len(trials) > 1 and not np.ptp(motion.alpha, axis=0).any():
+        raise StressError(f"motion: {situation.motion!r} varies nothing at this rate: all replications are the same")
     return Records(
         pixels=pixels,
         rope=rope,

@@ -438,6 +438,11 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         calm = ", whatever the wind, which carries rain, snow and dust alone" if wind else ""
         answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
     if anywhere:
+        swing += "\nload = 0 # it holds none" * ('model = "mesh"' in grab)
+        if long > head - 3:
+            answers.warnings.append(
+                f"--ropes: ropes are shortened where the grab would reach the ground, up to {long:g} m"
+            )
         answers.assumed.append(
             "place, parked grabs, jib head, lens, sensor and the grab's details vary as in training, and one frame in "
             "20 shows no grab; keys that this file states do not"
@@ -486,6 +491,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     if "day" in lights:
         facts |= {"light.sun_elevation_deg": (45, 20, 10, 90), "light.sun_azimuth_deg": (0, 180, -360, 360)}
     plain, varied = _moods(moods, rate, wind, varied=anywhere)
+    if anywhere:
+        varied += f'"weather.wind_m_s" = {{ dist = "constant", value = {wind:g} }}\n'
     varied += "" if fixed else _tolerances(facts)
     vary = f"\n[vary]{'' if fixed else ' # tolerances of these facts'}\n{varied.rstrip()}\n" if varied else ""
     again = f" # after which [vary] draws again{'' if cycles else '; more of them render faster, and vary less'}"
