@@ -355,9 +355,7 @@ def _at_edge(measurements: Iterable[Measurement], calibration: Calibration) -> l
     right, bottom = calibration.width_px - EDGE_PX, calibration.height_px - EDGE_PX
     boxes = [m.box for m in measurements if m.status == "ok" and m.box is not None]
     cut = sum(min(x0, y0) < EDGE_PX or x1 > right or y1 > bottom for x0, y0, x1, y1 in boxes)
-    return [f"in {cut} frames with an angle the grab's box reaches the picture's edge: centres are less exact"] * bool(
-        cut
-    )
+    return [f"frames whose box reaches the picture's edge, so that the centre is less exact: {cut}"] * bool(cut)
 
 
 def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[str, Any]:
