@@ -24,6 +24,7 @@ MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camer
 NOTHING = 1e-6  # rad, below which errors are rounding
 LEAST_SHARE = 0.01  # of the errors, below which it does not matter which explanation leaves less
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor, a constant or a delay must leave at most
+FITTED_S = 0.1  # how well a delay is found
 
 
 class Mistake(NamedTuple):
@@ -316,6 +317,6 @@ def _delayed(read: Array, true: Array, time: Array, ages_s: tuple[float, float] 
     first = min(step * np.arange(-most, most + 1), key=lambda by_s: left(by_s).rms)
     by_s = float(minimize_scalar(lambda x: left(x).rms, bounds=(first - step, first + step), method="bounded").x)
     text = f"Rope lengths are {abs(by_s):.2f} s {'late' if by_s > 0 else 'early'}"
-    if ages_s and by_s > ages_s[0] - step / 2:
-        text = f"{text}, of which {ages_s[0]:g} s are the display's own delay" if by_s > ages_s[1] + step else ""
+    if ages_s and by_s > ages_s[0] - FITTED_S:
+        text = f"{text}, of which {ages_s[0]:g} s are the display's own delay" if by_s > ages_s[1] + FITTED_S else ""
     return left(by_s)._replace(text=text)
