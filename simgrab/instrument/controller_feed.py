@@ -15,7 +15,7 @@ import pyarrow as pa
 from simgrab.errors import RecordError
 from simgrab.instrument.controller import ClockOffset, Controller
 from simgrab.instrument.controller_file import describe, read_controller
-from simgrab.instrument.estimate.tables import parsed_csv
+from simgrab.instrument.estimate.tables import parsed_csv, separator
 
 KEPT_S = 10.0  # of readings
 LEAST_ROWS = 20
@@ -147,8 +147,11 @@ class _Tail:
             return False
         whole = data[: data.rfind(b"\n") + 1]
         self._position = begin + len(whole)
-        cells = self._header.count(b",")  # a line of which a part is missing has fewer
-        self._new = [line for line in whole.splitlines(keepends=True) if line.count(b",") == cells]
+        mark = separator(self._header).encode()
+        lines, cells = whole.splitlines(keepends=True), self._header.count(mark)
+        self._new = [line for line in lines if line.count(mark) == cells]  # one of which a part is missing has fewer
+        if lines and not self._new:
+            raise RecordError(f"{self._path}: new rows have other numbers of cells than the header")
         self._lines.extend(self._new)
         return bool(self._new)
 

@@ -59,6 +59,8 @@ class FaultWatch:
     ----------
     since : float
         When the direction OA jumped last, s.
+    unlike : bool
+        Whether the controller's rope length does not follow the display's.
     """
 
     def __init__(self) -> None:
@@ -73,7 +75,7 @@ class FaultWatch:
         self._jump, self._seen = np.zeros(2), list[bool]()
         self._shown = deque[tuple[float, float]](maxlen=int(LENGTHS_S / BETWEEN_S))
         self._lengths = deque[tuple[float, float, float]](maxlen=int(LENGTHS_S / BETWEEN_S))
-        self._clock_s, self._compared, self._asked, self._unlike = 0.0, -np.inf, -np.inf, False
+        self._clock_s, self._compared, self._asked, self.unlike = 0.0, -np.inf, -np.inf, False
         self.since = 0.0
 
     def found(self, time_s: float) -> tuple[Fault, ...]:
@@ -142,11 +144,11 @@ class FaultWatch:
             found = clock_offset(alone, time, shown)
         except RecordError as problem:
             self._lengths.clear()
-            if not self._unlike:
+            if not self.unlike:
                 self._found.append(("controller", str(problem)))
-            self._unlike = True
+            self.unlike = True
             return
-        self._unlike = False
+        self.unlike = False
         low, high = found.interval_s
         if abs(found.offset_s - self._clock_s) > LATE_S and (low > self._clock_s or high < self._clock_s):
             self._clock_s = found.offset_s

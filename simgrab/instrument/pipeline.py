@@ -283,7 +283,7 @@ class Pipeline:
             newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
             if controller is not None:
                 watch.clock(at, controller, float(newest.rope_length[0]))
-            if not (self.display_first and np.isfinite(newest.rope_length[0])):
+            if not ((self.display_first or watch.unlike) and np.isfinite(newest.rope_length[0])):
                 newest = newest.with_lengths(controller)
             lengths.append(float(newest.rope_length[0]))
             if at - start >= due:

@@ -126,6 +126,22 @@ def test_dates_are_followed_without_a_start_and_a_file_that_begins_again_from_it
     np.testing.assert_allclose(reported.rope_at(np.array([5.2, 8.4])), [5.2, 8.4], atol=0.01)
 
 
+def test_a_file_with_semicolons_and_decimal_commas_is_followed(tmp_path):
+    path = followed(tmp_path, "iso")
+    path.write_bytes("t;rope;slew;m³\n".encode("cp1252"))
+    feed = ControllerFeed(path)
+    assert feed.poll(0.0, 0.0) is None
+    for second in range(1, 9):
+        with path.open("a") as file:
+            file.write("".join(f"08:00:0{second},{i};{second},{i};0,0;1\n" for i in range(10)))
+        reported = feed.poll(second + 0.9, second + 0.9)
+    np.testing.assert_allclose(reported.rope_at(np.array([5.2, 8.4])), [5.2, 8.4], atol=0.01)
+    with path.open("a") as file:
+        file.write("1;2\n")
+    feed.poll(9.9, 9.9)
+    assert "new rows have other numbers of cells than the header" in feed.problem
+
+
 def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
     path = followed(tmp_path)
     feed, watch, found, rest = ControllerFeed(path), FaultWatch(), {}, ""

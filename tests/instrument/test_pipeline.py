@@ -336,8 +336,10 @@ def test_a_controller_that_writes_seldom_is_on_time_and_one_in_feet_is_reported_
             readings = dataclasses.replace(data, time=data.time[some], rope=data.rope[some], hold_s=5.0)
             return readings if some.sum() > 1 else None
 
-    live = Pipeline(said, said, feed=Feed()).live(frames_of(seen), crane.calibration)
+    live = list(Pipeline(said, said, feed=Feed()).live(frames_of(seen), crane.calibration))
     assert len([fault for one in live for fault in one.faults if fault.kind == "controller"]) == faults
+    last = np.array([one.measurement.rope_length_m for one in live[-100:]])
+    assert np.abs(last - crane.rope[len(live) - 100 : len(live)]).max() < 6  # those of the display, where they differ
 
 
 def test_an_estimator_of_another_kind_is_refused():

@@ -157,7 +157,8 @@ def test_random_places_vary_as_in_training_around_what_is_stated(grab, tmp_path)
     given += ["--wind", 5]
     scene, out = new(tmp_path / "a.toml", "--place", "random", *given)
     assert ("grab.scale: 0.001 m per unit" in out) == (grab not in GRABS)
-    assert "warning: --mount: no effect on independent frames" in out
+    assert "warning: --mount: only stated in camera.toml" in out
+    assert type(scene.camera.mount).__name__ == "FixedMount"
     assert scene.swing.rope_length_m.support() == (8, 22)
     seen = [Recipe(scene).variant(frame).scenario for frame in range(0, 96, 8)]
     assert len({type(one.place) for one in seen}) > 2

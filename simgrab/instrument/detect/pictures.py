@@ -148,8 +148,8 @@ def _row(detection: Detection) -> dict[str, Any]:
         **spread(("u_px", "v_px"), where),
         **spread([f"box_{e}_sd_px" for e in edges], detection.box_sd_px),
         **spread(("u_sd_px", "v_sd_px"), detection.centre_sd_px),
-        "yaw_deg": None if detection.yaw is None else float(np.rad2deg(detection.yaw)),
-        "yaw_sd_deg": None if detection.yaw_sd is None else float(np.rad2deg(detection.yaw_sd)),
+        "picture_yaw_deg": None if detection.yaw is None else float(np.rad2deg(detection.yaw)),
+        "picture_yaw_sd_deg": None if detection.yaw_sd is None else float(np.rad2deg(detection.yaw_sd)),
     }  # fmt: skip
 
 

@@ -139,6 +139,11 @@ def decimal_comma(cell: str) -> str:
     return "; write decimals with a point, such as 12.5" if re.fullmatch(r"\s*[+-]?\d*,\d+\s*", cell) else ""
 
 
+def separator(header: bytes) -> str:
+    """Return what separates the columns of a CSV file."""
+    return ";" if b";" in header.partition(b",")[0] else ","
+
+
 def parsed_csv(content: bytes, path: Path, needed: str) -> pa.Table:
     """Parse the content of a CSV file as `read_texts` does.
 
@@ -154,13 +159,13 @@ def parsed_csv(content: bytes, path: Path, needed: str) -> pa.Table:
             f"{cannot(path)}: its first line is not a header: it is longer than {MOST_HEADER_BYTES} bytes"
         )
     try:
-        separator = ";" if b";" in header[0].partition(b",")[0] else ","
-        names = [name.strip().strip('"') for name in header[0].decode().split(separator)]
+        mark = separator(header[0])
+        names = [name.strip().strip('"') for name in header[0].decode().split(mark)]
         options = pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()))
         reading = pa.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
-        parsing = pa.csv.ParseOptions(delimiter=separator, newlines_in_values=True)  # of a file's name, e.g.
+        parsing = pa.csv.ParseOptions(delimiter=mark, newlines_in_values=True)  # of a file's name, e.g.
         found = pa.csv.read_csv(pa.BufferReader(content), reading, parsing, options)
-        return found if separator == "," else _with_points(found)
+        return found if mark == "," else _with_points(found)
     except MemoryError:  # pyarrow's is one of its own exceptions as well
         raise
     except (UnicodeDecodeError, pa.ArrowException) as problem:

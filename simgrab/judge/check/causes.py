@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from simgrab.instrument.run.runs import Run, reasons
-from simgrab.judge.check.mistakes import Mistake, likely, of_rope
+from simgrab.judge.check.mistakes import Mistake, likely, of_centres, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
 from simgrab.judge.evaluate.budget import by_centres, of_tilt, swing_of, with_lengths
 from simgrab.judge.evaluate.swings import angles
@@ -25,6 +25,7 @@ def causes(
     failed: Sequence[str],
     *,
     compared: bool = False,
+    steady: bool = False,
     meets: Callable[[Metrics], bool] = lambda _: True,
 ) -> Iterator[str]:
     """State in sentences what the errors of a scene consist of; nothing where the instrument failed.
@@ -36,6 +37,8 @@ def causes(
         Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did.
     compared : bool
         Whether one of them has a baseline.
+    steady : bool
+        Whether the centres are as good as the baseline's, so that they are not what became worse.
     meets : callable
         Whether these would pass with other values of some metrics. A mistake is named only if they would without it.
     """
@@ -45,34 +48,32 @@ def causes(
     if lost := reasons(run):
         listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
         yield f"{sum(count for *_, count in lost)} of {len(true)} frames have no angle: {listed}."
-    offset = [trial.metrics.get(f"detection.centre.{axis}_mean_px") for axis in "uv"]
-    if offset[0] is not None and offset[1] is not None and any(what.startswith("detection.centre") for what in failed):
-        right, down = "right of" if offset[0] > 0 else "left of", "below" if offset[1] > 0 else "above"
-        yield (
-            f"On average the measured centre lies {abs(offset[0]):.1f} px {right} and {abs(offset[1]):.1f} px {down} "
-            "the true one."
-        )
-    if any(what.startswith("detection.centre") for what in failed) and trial.centres:
-        worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
-        yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
+    late = of_centres(run.pixels, trial.known.centre, run.time)
+    if late is not None:
+        yield f"{late.text}."
+    elif any(what.startswith("detection.centre") for what in failed):
+        yield from _of_pixels(trial)
     read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
     display, shown = trial.dataset.scenario.display, trial.dataset.scenario.display_layout is not None
     ages_s = (display.lag_s, display.lag_s + 1 / display.refresh_hz) if shown else None
     wrong = of_rope(read, trial.known.rope_length, run.time, ages_s=ages_s)
-    lengths = [] if wrong is None else list(_of_lengths(wrong, run, trial.known, meets))
+    lengths = [] if wrong is None or wrong.own else list(_of_lengths(wrong, run, trial.known, meets))
     yield from lengths
-    if wrong is None and np.isfinite(read).any() and any(what.startswith("reading.length") for what in failed):
-        yield "No factor, constant or delay beyond the display's own was found that explains the lengths' errors."
+    if any(what.startswith("reading.length") for what in failed) and np.isfinite(read).any():
+        if wrong is not None and wrong.own:
+            yield f"{wrong.text}."
+        elif wrong is None:
+            yield "No factor, constant or delay was found that explains the lengths' errors."
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)
     if both.any():
         measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
         moves = measured.std() >= swing.std() / STILL
-        given = bool(np.isfinite(read).any()) and wrong is None
+        given = bool(np.isfinite(read).any()) and (wrong is None or wrong.own)
         mistake = None
         if moves and not lengths:
-            seen, grab = _explained_by_centres(run, trial.known)
+            seen, grab = (true, None) if late else _explained_by_centres(run, trial.known)
             mistake = likely(run.alpha, seen, trial.known.rows, run.time, grab=grab, rope_known=given)
             mistake = mistake and mistake._replace(left=mistake.left + seen - true)
         if mistake and not meets(_metrics(true + mistake.left, trial.known)):
@@ -83,9 +84,24 @@ def causes(
             yield f"{mistake.text}. Otherwise the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
             if not mistake.of_tilt:
                 return
-        found = [] if mistake else list(_of_angles(measured, swing))
-        found += _of_stages(trial, run, trial.known, rmse, float(swing.std()), compared=compared)
-        yield from found or ([] if mistake or lengths else [UNEXPLAINED])
+        found = [] if mistake or late else list(_of_angles(measured, swing))
+        if not late:
+            found += _of_stages(trial, run, rmse, float(swing.std()), compared=compared, steady=steady)
+        yield from found or ([] if mistake or lengths or late else [UNEXPLAINED])
+
+
+def _of_pixels(trial: Trial) -> Iterator[str]:
+    """State the mean error of the centres, and the largest ones."""
+    offset = [trial.metrics.get(f"detection.centre.{axis}_mean_px") for axis in "uv"]
+    if offset[0] is not None and offset[1] is not None:
+        right, down = "right of" if offset[0] > 0 else "left of", "below" if offset[1] > 0 else "above"
+        yield (
+            f"On average the measured centre lies {abs(offset[0]):.1f} px {right} and {abs(offset[1]):.1f} px {down} "
+            "the true one."
+        )
+    if trial.centres:
+        worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
+        yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
 
 
 def _explained_by_centres(run: Run, known: Truths) -> tuple[Array, Array | None]:
@@ -155,13 +171,15 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
 
 
 def _of_stages(
-    trial: Trial, run: Run, known: Truths, rmse: float, true_spread: float, *, compared: bool
-) -> Iterator[str]:
+    trial: Trial, run: Run, rmse: float, true_spread: float, *, compared: bool, steady: bool
+) -> Iterator[str]:  # fmt: skip
     """Name the first stage of the pipeline that explains its RMSE of the angle: centre, tilt, or the rest."""
     later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
+    assert trial.known is not None
+    known = trial.known
     centre_deg, tilt = np.rad2deg(_rms_of(swing_of(by_centres(run, known)) - known.alpha)), of_tilt(run, known)
     budget = None if trial.evaluation is None else trial.evaluation.budget
-    if trial.centres and centre_deg**2 > rmse**2 / 2:
+    if trial.centres and centre_deg**2 > rmse**2 / 2 and not steady:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))
         which, rest = "the centre first", None if budget is None else budget.chain[-2].rmse_deg
         more = f", those of this pipeline {rmse:.2f}°."

@@ -28,10 +28,11 @@ FITTED_S = 0.1  # how well a delay is found
 
 
 class Mistake(NamedTuple):
-    """What explains errors of angles, or nothing that has a name, and the errors (n,), rad, that it leaves.
+    """What explains errors, or nothing that has a name, and the errors (n,) that it leaves, of angles in rad.
 
     ``fitted`` is the number of parameters that were fitted to these errors, ``of_tilt`` whether they are of a tilt,
-    which may be wrong because of something else, and ``any_offset`` whether of an offset that is wrong in no usual way.
+    which may be wrong because of something else, ``any_offset`` whether of an offset that is wrong in no usual way, and
+    ``own`` whether they are the display's own delay.
     """
 
     text: str
@@ -39,6 +40,7 @@ class Mistake(NamedTuple):
     fitted: int = 0
     of_tilt: bool = False
     any_offset: bool = False
+    own: bool = False
 
     @property
     def rms(self) -> float:
@@ -46,7 +48,7 @@ class Mistake(NamedTuple):
         some = self.left[np.isfinite(self.left)]
         if len(some) < min(FEWEST, len(self.left)):
             return math.inf
-        return max(float(np.sqrt(np.sum(some**2) / max(len(some) - self.fitted, 1))), NOTHING)
+        return max(float(np.sqrt(np.sum(np.abs(some) ** 2) / max(len(some) - self.fitted, 1))), NOTHING)
 
 
 def likely(
@@ -125,7 +127,7 @@ def _of_geometry(
     return [*as_with, Mistake("", measured - true - np.mean(measured - true), 1)]
 
 
-_NO_LEAN = np.zeros(2)
+_NOTHING = np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,16 +149,21 @@ class _Fits:
         x = least_squares(lambda x: predict(x) - self.measured, start).x
         return x, self.measured - predict(x)
 
-    def _moved(self, by: Array | float = 0.0, lean: Array = _NO_LEAN) -> Array:
-        """Swings (n,), rad, of directions whose horizontal parts are moved, with a tilt that is wrong by (2,), rad."""
+    def _moved(self, by: Array | float = 0.0, lean: Array = _NOTHING, shift: Array = _NOTHING) -> Array:
+        """Swings (n,), rad, as they follow from mistakes.
+
+        Directions of which the horizontal parts are moved, a tilt that is wrong by (2,), rad, and a camera that is
+        taken to be elsewhere by (n, 2), in lengths of the rope. The rope is as long as before.
+        """
         level = self.swing + by
         grab = np.column_stack([level, -np.sqrt(np.maximum(1 - np.sum(level**2, axis=1), 0))])
-        if lean.any():  # rays turn about the camera, and the rope is as long
+        if lean.any() or shift.any():
             ray = Rotation.from_rotvec([lean[1], -lean[0], 0.0]).apply(grab - self.camera)
             ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-            along = np.sum(ray * self.camera, axis=1)
-            reach = np.sqrt(np.maximum(along**2 + 1 - np.sum(self.camera**2, axis=1), 0)) - along
-            grab = self.camera + reach[:, None] * ray
+            camera = self.camera + np.pad(np.broadcast_to(shift, level.shape), ((0, 0), (0, 1)))
+            along = np.sum(ray * camera, axis=1)
+            reach = np.sqrt(np.maximum(along**2 + 1 - np.sum(camera**2, axis=1), 0)) - along
+            grab = camera + reach[:, None] * ray
         return np.arctan2(np.linalg.norm(grab[:, :2], axis=1), -grab[:, 2])
 
     @cached_property
@@ -172,32 +179,43 @@ class _Fits:
 
     def _wrong(self, lean: Array) -> str:
         tilt = float(np.linalg.norm(self.axis))
+        used = self.axis + lean
+        size, azimuth = np.degrees(np.linalg.norm(used)), np.degrees(np.arctan2(used[1], used[0])) % 360
         text = f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong"
         for times, how in ((1, "were left out"), (2, "had the opposite sign")):
             if np.linalg.norm(lean + times * self.axis) < tilt / 5:
                 return f"{text}, as if the tilt of {np.degrees(tilt):.1f}° {how}"
-        return text
+        true = np.degrees(np.arctan2(self.axis[1], self.axis[0])) % 360
+        place = f"in place of {np.degrees(tilt):.1f}° with {true:.0f}°"
+        return f"{text}, {size:.1f}° with an azimuth of {azimuth:.0f}° {place}"
 
-    def factor(self, unit: Array, text: Callable[[float], str], start: float = 0.5) -> Mistake:
+    def factor(
+        self, unit: Array, text: Callable[[float], str], start: float = 0.5, *, of_camera: bool = False
+    ) -> Mistake:  # fmt: skip
         """Explain by a factor, sought from ``start``, of what a unit (n, 2) moves."""
         return self.explain(
-            lambda x: (x[0] - 1) * unit, np.full(1, start), np.ones(1), lambda x: text(float(x[0]))
+            lambda x: (x[0] - 1) * unit, np.full(1, start), np.ones(1), lambda x: text(float(x[0])), of_camera=of_camera
         )  # fmt: skip
 
     def explain(
-        self, by: Callable[[Array], Array], start: Array, nothing: Array, text: Callable[[Array], str]
-    ) -> Mistake:
-        """Explain by parameters (k,) of what moves the swing, alone or with a tilt estimated from the same record.
+        self, by: Callable[[Array], Array], start: Array, nothing: Array, text: Callable[[Array], str], *,
+        of_camera: bool,
+    ) -> Mistake:  # fmt: skip
+        """Explain by parameters (k,) of what moves the swing, or the camera, alone or with a tilt that is estimated.
 
         The latter only if they have a text, there are enough frames for all parameters, and a wrong tilt alone
         explains far less, since more parameters leave less anyway. A tilt larger than they can cause, as in wind, is a
         mistake of its own, and named beside them. ``nothing`` are those that move nothing.
         """
         k = len(start)
-        x, left = self.fit(lambda x: self._moved(by(x)), *start)
+
+        def moved(x: Array, lean: Array = _NOTHING) -> Array:
+            return self._moved(lean=lean, shift=by(x)) if of_camera else self._moved(by(x), lean)
+
+        x, left = self.fit(moved, *start)
         alone = Mistake(text(x), left, k)
         starts = (*start, 1e-3, 1e-3), (*nothing, *self.lean[0])
-        fits = [self.fit(lambda x: self._moved(by(x[:k]), x[k:]), *start) for start in starts]
+        fits = [self.fit(lambda x: moved(x[:k], x[k:]), *start) for start in starts]
         x, left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
         beside = Mistake(text(x[:k]), left, k + 2)
         if np.linalg.norm(x[k:]) > 2 * np.sqrt(np.mean(np.sum(by(x[:k]) ** 2, axis=1))):
@@ -241,13 +259,13 @@ def _of_offset(fits: _Fits, offset: Array, per_m: Array, *, rope_known: bool) ->
         text = f"with a horizontal camera offset of ({u:.2f}, {v:.2f}) m in place of ({x:.2f}, {y:.2f}) m"
         return text if max(abs(u), abs(v)) < MOST_OFFSET_M else ""
 
-    applied = fits.factor(offset * per_m, _applied(f"the camera's horizontal offset of {across:.2f} m"))
+    applied = fits.factor(offset * per_m, _applied(f"the camera's horizontal offset of {across:.2f} m"), of_camera=True)
     if np.sqrt(np.mean(np.sum(fits.swing**2, axis=1))) < LEAST_SWING * across * per_m.mean():
         return applied
-    swapped = fits.factor((offset[:, ::-1] - offset) * per_m, exchanged, 1.5)
-    found = [(applied, CLEARLY), (swapped, CLEARLY), (fits.factor(offset * per_m, share), AS_GOOD)]
+    swapped = fits.factor((offset[:, ::-1] - offset) * per_m, exchanged, 1.5, of_camera=True)
+    found = [(applied, CLEARLY), (swapped, CLEARLY), (fits.factor(offset * per_m, share, of_camera=True), AS_GOOD)]
     if np.ptp(offset, axis=0).max() < SAME_M:
-        least = fits.explain(lambda x: x * per_m, np.full(2, 1e-3), np.zeros(2), other)
+        least = fits.explain(lambda x: x * per_m, np.full(2, 1e-3), np.zeros(2), other, of_camera=True)
         found.append((least._replace(any_offset=True), AS_GOOD))
     best = min(one.rms for one, _ in found)
     fitting = [one for one, most in found if one.text and one.rms <= most * best]
@@ -271,12 +289,21 @@ def _level(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))[:, :2]
 
 
+def of_centres(found: Array, true: Array, time: Array | None) -> Mistake | None:
+    """Find whether pixels (n, 2) are those of other frames: then their errors are far smaller than here."""
+    pixels, places = found @ [1, 1j], true @ [1, 1j]
+    if (np.isfinite(pixels) & np.isfinite(places)).sum() < FEWEST:
+        return None
+    late = _late("The measured centres", pixels, places, time)
+    return late if late.rms < Mistake("", pixels - places).rms / 2 else None
+
+
 def of_rope(
     read: Array, true: Array, time: Array | None = None, *, ages_s: tuple[float, float] | None = None
 ) -> Mistake | None:  # fmt: skip
     r"""Find by which factor, constant or delay the lengths \|OA\| (n,), m, of a pipeline err; None if by none.
 
-    ``ages_s`` are the least and the greatest age of lengths on the display: no mistake, but a part of a delay.
+    ``ages_s`` are the least and the greatest age of lengths on the display, which are a part of a delay.
     """
     if (np.isfinite(read) & np.isfinite(true)).sum() < FEWEST:
         return None
@@ -296,8 +323,8 @@ def of_rope(
         found.append(better._replace(text=f"Rope lengths are {text}"))
     best = min(found, key=lambda one: one.rms)
     right = min(Mistake("", read - reference).rms for reference in references)
-    limit = min(ROPE_SHARE * Mistake("", read - true).rms, right / CLEARLY)
-    return best if best.text and best.rms < limit else None
+    least = math.inf if best.own else right / CLEARLY
+    return best if best.rms < min(ROPE_SHARE * Mistake("", read - true).rms, least) else None
 
 
 def _earlier(true: Array, time: Array, by_s: float) -> Array:
@@ -317,6 +344,7 @@ def _delayed(read: Array, true: Array, time: Array, ages_s: tuple[float, float] 
     first = min(step * np.arange(-most, most + 1), key=lambda by_s: left(by_s).rms)
     by_s = float(minimize_scalar(lambda x: left(x).rms, bounds=(first - step, first + step), method="bounded").x)
     text = f"Rope lengths are {abs(by_s):.2f} s {'late' if by_s > 0 else 'early'}"
-    if ages_s and by_s > ages_s[0] - FITTED_S:
-        text = f"{text}, of which {ages_s[0]:g} s are the display's own delay" if by_s > ages_s[1] + FITTED_S else ""
-    return left(by_s)._replace(text=text)
+    if not ages_s or by_s < ages_s[0] - FITTED_S:
+        return left(by_s)._replace(text=text)
+    text += f", of which {ages_s[0]:g} to {ages_s[1]:g} s are the display's own delay"
+    return left(by_s)._replace(text=text, own=by_s < ages_s[1] + FITTED_S)

@@ -62,7 +62,10 @@ class Outcome:
         if self.trial is None or not failed:
             return ""
         compared = any(verdict.reference is not None for verdict in failed)
-        return " ".join(causes(self.trial, [verdict.what for verdict in failed], compared=compared, meets=self.meets))
+        of_centres = [v for v in self.verdicts if v.what.startswith("detection.centre") and v.reference is not None]
+        steady = bool(of_centres) and all(verdict.status == "passed" for verdict in of_centres)
+        what = [verdict.what for verdict in failed]
+        return " ".join(causes(self.trial, what, compared=compared, steady=steady, meets=self.meets))
 
     def meets(self, metrics: Metrics) -> bool:
         """Whether all failed verdicts on these metrics, one at least, would pass with them."""

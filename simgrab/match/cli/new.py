@@ -420,11 +420,11 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     (wind,) = answers.get("wind", _numbers(0, 40))
     moods = list(itertools.product(lights, weathers))
     cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
-    mount = (
-        "" if not cycles and "mount" not in answers else answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0]
-    )
+    mount = answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0] if cycles or "mount" in answers else ""
     if mount and not cycles:
-        answers.warnings.append("--mount: no effect on independent frames, in which nothing moves the camera")
+        answers.warnings.append(
+            "--mount: only stated in camera.toml, since nothing moves the camera in independent frames"
+        )
     anywhere = (not cycles or "place" in answers) and answers.get("place", _one_of("quay", "random")) == ["random"]
     if anywhere and (cycles or fixed):
         raise _refusal("place", f"random places are of independent frames{', which vary: leave out --fixed' * fixed}")
@@ -515,7 +515,7 @@ beta_deg = {tilt:g} # tilt from the vertical
 offset_x_m = {x:g} # from the rope exit: outboard
 offset_y_m = {y:g} # sideways
 offset_z_m = {z:g} # up
-{f'mount = {{ model = "{mount}" }}{chr(10)}' if cycles else ""}
+{f'mount = {{ model = "{mount}" }}{chr(10)}' if mount else ""}
 [jib]
 head_height_m = {head:g}
 
