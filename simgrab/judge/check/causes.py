@@ -73,7 +73,7 @@ def causes(
         given = bool(np.isfinite(read).any()) and (wrong is None or wrong.own)
         mistake = None
         if moves and not lengths:
-            seen, grab = (true, None) if late else _explained_by_centres(run, trial.known)
+            seen, grab = (true, None) if late else _by_inputs(run, trial.known)
             mistake = likely(run.alpha, seen, trial.known.rows, run.time, grab=grab, rope_known=given)
             mistake = mistake and mistake._replace(left=mistake.left + seen - true)
         if mistake and not meets(_metrics(true + mistake.left, trial.known)):
@@ -104,12 +104,12 @@ def _of_pixels(trial: Trial) -> Iterator[str]:
         yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
 
 
-def _explained_by_centres(run: Run, known: Truths) -> tuple[Array, Array | None]:
-    """Swings (n,), rad, and places of the grab (n, 3) by a run's centres; the true swings if these explain nothing.
+def _by_inputs(run: Run, known: Truths) -> tuple[Array, Array | None]:
+    """Swings (n,), rad, and places of the grab (n, 3) by a run's centres and lengths; the true swings if these explain nothing.
 
-    Of frames without a centre they are the true ones.
+    Of frames without both they are the true ones.
     """
-    places = by_centres(run, known)
+    places = by_centres(run, known, "read")
     swing, true = swing_of(places), np.full(places.shape, np.nan)
     there = [row is not None for row in known.rows]
     true[there] = np.reshape([row.jib_from_grab for row in known.rows if row is not None], (-1, 3, 4))[..., 3]

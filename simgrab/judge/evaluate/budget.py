@@ -224,11 +224,11 @@ def with_lengths(run: Run, known: Truths, rope: Literal["true", "read"]) -> Arra
     return alpha
 
 
-def by_centres(run: Run, known: Truths) -> Array:
-    """Return grab centres (n, 3), m, jib frame, that follow from a run's pixels if all else is true, or NaN."""
+def by_centres(run: Run, known: Truths, rope: Literal["true", "read"] = "true") -> Array:
+    """Return grab centres (n, 3), m, jib frame, that follow from a run's pixels and true or read lengths, or NaN."""
     parts, found = _Parts.of(run, known), np.full((len(run.measurements), 3), np.nan)
     if parts is not None and len({_built(row) for row in parts.rows}) == 1:
-        found[parts.some] = by_pose(parts.rows, parts.centre["detected"], parts.rope["true"])
+        found[parts.some] = by_pose(parts.rows, parts.centre["detected"], parts.rope[rope])
     return found
 
 
