@@ -105,9 +105,9 @@ def _of_pixels(trial: Trial) -> Iterator[str]:
 
 
 def _by_inputs(run: Run, known: Truths) -> tuple[Array, Array | None]:
-    """Swings (n,), rad, and places of the grab (n, 3) by a run's centres and lengths; the true swings if these explain nothing.
+    """Swings (n,), rad, and places of the grab (n, 3) that follow from a run's centres and lengths.
 
-    Of frames without both they are the true ones.
+    They are the true ones in frames without both, and everywhere if these explain nothing.
     """
     places = by_centres(run, known, "read")
     swing, true = swing_of(places), np.full(places.shape, np.nan)
