@@ -80,7 +80,7 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
     body = [
         f"# {scenario.name}", markdown(scenario.description),
         "Pictures of a swinging crane grab with exact labels, rendered by [simgrab](https://github.com/simgrab/simgrab).",
-        f"![The first frames with their labels]({SHEET})",
+        f"![Some frames with their labels]({SHEET})",
         "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in facts.items())]),
         "## How to load", loading,
         f"`{table}` has a row for each frame; its metadata describes the columns. `camera.toml` is the camera's "

@@ -78,7 +78,8 @@ class ExportSource:
     @property
     def tiles(self) -> Iterator[tuple[NDArray[np.uint8], Row]]:
         """Frames of the contact sheet, BGR with their rows."""
-        return ((frame.picture[..., ::-1], frame.truth) for frame in self.dataset[: preview.MOST_TILES])
+        shown = map(self.dataset.__getitem__, preview.shown(len(self.dataset)))
+        return ((frame.picture[..., ::-1], frame.truth) for frame in shown)
 
 
 def export(

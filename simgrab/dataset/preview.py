@@ -26,6 +26,12 @@ BOX, CENTRE, VERTICAL, POINT, HIDDEN_POINT = (
 )
 
 
+def shown(frames: int) -> list[int]:
+    """Choose the frames of a sheet, evenly among all, so that it shows what varies."""
+    most = min(frames, MOST_TILES)
+    return [i * frames // most for i in range(most)]
+
+
 def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
     """Draw a row's labels on a copy of its picture (BGR), reduced to a tile of the sheet."""
     scale = TILE_WIDTH / row.width_px

@@ -211,7 +211,7 @@ class _Folder:
     def finish(self) -> None:
         """Write the files that depend on all frames, one frame at a time; the manifest comes last."""
         scenario, store, core = self._recipe.scenario, self.journal.store, self._core
-        first, tally = list[Row](), Tally()
+        rows, tally, shown = list[Row](), Tally(), set(preview.shown(scenario.frames))
         assert self._rendered_by is not None
         with store.guarded():
             with tables.tables_of(store, core, scenario) as add:
@@ -220,8 +220,8 @@ class _Folder:
                     manifest.same_renderer(known.rendered_by, self._rendered_by, store.place)
                     add(known.truth, known.mask)
                     tally += Tally.of([known.truth], scenario)
-                    first += [known.truth] * (len(first) < preview.MOST_TILES)
-            tiles = ((pictures.read(self.journal.folder / row.file)[..., ::-1], row) for row in first)
+                    rows += [known.truth] * (frame in shown)
+            tiles = ((pictures.read(self.journal.folder / row.file)[..., ::-1], row) for row in rows)
             others = sensors.write(self._recipe, store.writing)
             core = core | tally.stated(scenario)
             tables.finish(store, core, scenario, self._rendered_by, tiles, tally, others)

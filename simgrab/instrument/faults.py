@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 SILENT_S = 30.0  # without an angle
 STOPPED_S = 10.0  # without a reading of the controller
+BEHIND_S = 3.0  # by which frames of a stream are measured too late
 LATE_S = 1.0  # least change of the controller's clock that is reported
 LENGTHS_S, LEAST_S, BETWEEN_S = 300.0, 60.0, 0.5  # rope lengths that show it: the last, the fewest, and their distance
 # Least jump of a direction, and of it over its standard deviation. Without a knock the greatest were 0.52° and 5.6: in
@@ -42,14 +43,33 @@ class Fault(msgspec.Struct, frozen=True):
         Of the frame in which it was found.
     kind : str
         ``"picture"``, ``"grab"``, ``"rope"`` or ``"angle"``: none for half a minute, or again; ``"source"``: a stream
-        was connected again, or its time stamps jumped; ``"exposure"``; ``"camera"``: its tilt changed at once;
-        ``"controller"``: its readings stopped, came back, or their clock jumped or is not that of the pictures.
+        was connected again, its time stamps jumped, or it is measured late; ``"exposure"``; ``"camera"``: its tilt
+        changed at once; ``"controller"``: its readings stopped, came back, or their clock jumped or is not that of the
+        pictures.
     text : str
     """
 
     time_s: float
     kind: str
     text: str
+
+
+class Backlog:
+    """Watches whether frames of a stream come faster than they are measured."""
+
+    def __init__(self) -> None:
+        self._least, self._behind = np.inf, False
+
+    def step(self, clock_s: float, time_s: float) -> str:
+        """Return what changed with a frame, given this computer's clock and the frame's time; mostly empty."""
+        self._least = min(self._least, clock_s - time_s)
+        late = clock_s - time_s - self._least
+        if BEHIND_S / 2 < late < BEHIND_S or (late >= BEHIND_S) == self._behind:
+            return ""
+        self._behind = not self._behind
+        if self._behind:
+            return f"frames are measured {late:.0f} s late: this computer is too slow for them"
+        return "frames are measured in time again"
 
 
 class FaultWatch:

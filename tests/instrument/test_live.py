@@ -18,7 +18,7 @@ from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.controller_feed import ControllerFeed
 from simgrab.instrument.estimate import MeanRay
 from simgrab.instrument.estimate.record import PixelRecord
-from simgrab.instrument.faults import FaultWatch
+from simgrab.instrument.faults import Backlog, FaultWatch
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run import run as running
 from simgrab.instrument.run.run import RunOptions
@@ -98,6 +98,15 @@ def test_half_a_minute_without_an_angle_a_change_of_light_and_news_of_the_source
     assert found[1].text == "no angle for 30 s: fog"
     assert {kind for kind, _ in kinds[3:]} == {"exposure"}
     assert 100 <= kinds[3][1] < 106
+
+
+def test_a_stream_that_is_measured_late_is_reported_and_so_is_its_end():
+    backlog = Backlog()
+    late = [2.0, 0.0, 0.1, 1.6, 2.9, 3.1, 4.0, 2.0, 3.5, 1.0, 0.0, 3.2]  # s, beyond the time from start to picture
+    said = [backlog.step(1000.0 + i + late_s, float(i)) for i, late_s in enumerate(late)]
+    assert [i for i, text in enumerate(said) if text] == [5, 9, 11]
+    assert said[5] == "frames are measured 3 s late: this computer is too slow for them"
+    assert said[9] == "frames are measured in time again"
 
 
 def followed(folder, unit="s"):

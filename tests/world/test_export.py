@@ -361,3 +361,11 @@ def test_a_part_that_cannot_be_is_refused(source, exported, tmp_path):
         with pytest.raises(DatasetError, match=line):
             export(part, tmp_path / "out", format=name, part=True)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("frames", [1, 3, 16, 17, 64, 1000])
+def test_a_sheet_shows_frames_from_all_over_a_dataset(frames):
+    shown = preview.shown(frames)
+    assert len(set(shown)) == len(shown) == min(frames, preview.MOST_TILES)
+    assert shown[0] == 0
+    assert max(np.diff([*shown, frames])) <= -(-frames // preview.MOST_TILES)

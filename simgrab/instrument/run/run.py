@@ -20,7 +20,7 @@ from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.measure import estimate_json
-from simgrab.instrument.faults import Fault
+from simgrab.instrument.faults import Backlog, Fault
 from simgrab.instrument.pipeline import Live, MeasuredRecord, Pipeline, assemble
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.assumed import assumptions
@@ -222,7 +222,7 @@ class _Parts:
             raise RunError(f"{instrument.name} cannot measure frame by frame; a live run needs simgrab's own pipeline")
         self.ended = False
         self._source, self._calibration, self._instrument = source, calibration, instrument
-        self._report = report
+        self._report, self._backlog = report, Backlog() if source.live else None
         self._live = iter(instrument.live(fitting(_counted(source, progress), calibration), calibration))
         self._first: Live | None = None  # of the next part
         used = instrument.tilt or instrument.chosen(calibration, live=True)
@@ -232,6 +232,11 @@ class _Parts:
         rope += " where the display shows none: its clock is not known" if instrument.display_first else ""
         more = ", and the jib's motion for warnings" if instrument.feed and instrument.feed.states_motion else ""
         report(f"tilt: {given}{rope + more if plc else ''}")
+
+    def _late(self, time_s: float) -> list[Fault]:
+        """Report a stream that is measured late, or in time again."""
+        text = self._backlog.step(time.monotonic(), time_s) if self._backlog else ""
+        return [Fault(time_s, "source", text)] if text else []
 
     def next(self, folder: Path | None, options: RunOptions) -> tuple[Run, OverlayVideo]:
         """Measure one part: all of it where no folder is written."""
@@ -253,7 +258,7 @@ class _Parts:
                     measured.append(one.measurement)
                     latency.append(one.seconds)
                     tilt = one.tilt
-                    for fault in one.faults:
+                    for fault in (*one.faults, *self._late(one.frame.time_s or 0.0)):
                         faults.append(fault)
                         self._report(f"{fault.time_s:.1f} s: {fault.kind}: {fault.text}")
                     overlay.add(one.frame, one.measurement)

@@ -496,7 +496,6 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     varied += "" if fixed else _tolerances(facts)
     vary = f"\n[vary]{'' if fixed else ' # tolerances of these facts'}\n{varied.rstrip()}\n" if varied else ""
     again = f" # after which [vary] draws again{'' if cycles else '; more of them render faster, and vary less'}"
-    # Random places are slow to build; else the sheet of the first 16 frames shows 8 draws of [vary].
     clip = round(CYCLE_S * rate) if cycles else 8 if anywhere else 2
     return f"""# Written by simgrab new. simgrab scenes show {file.name} prints every other key with its value.
 base = "{"training" if anywhere else "quay-day"}"
