@@ -282,7 +282,9 @@ class Pipeline:
             ropes = rope(recent, calibration, self.bridge)
             newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
             if controller is not None:
+                unlike = watch.unlike
                 watch.clock(at, controller, float(newest.rope_length[0]))
+                forecaster = forecaster if watch.unlike == unlike else Forecaster()  # of ropes of other lengths
             if not ((self.display_first or watch.unlike) and np.isfinite(newest.rope_length[0])):
                 newest = newest.with_lengths(controller)
             lengths.append(float(newest.rope_length[0]))
