@@ -117,7 +117,7 @@ def command(
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:
-        facts = dataclasses.asdict(summary).items()
+        facts = {key: value for key, value in dataclasses.asdict(summary).items() if key != "below_least"}.items()
         stdout().print(
             table((_LABELS.get(key, key.replace("_", " ")), _text(value)) for key, value in facts if value is not None)
         )
