@@ -211,8 +211,8 @@ def doubts(summary: Summary | VideoSummary) -> list[str]:
     """Name visible grabs without a label, and keys of the swing clamped in more than `MANY_CLAMPED` of the frames."""
     hidden = summary.below_least if isinstance(summary, Summary) else 0
     return [
-        f"frames that show less of the grab than labels.least_visible_fraction, and have no label: {hidden}; a "
-        "training takes them for background, unless you leave them out (docs/loading.md)"
+        f"frames that show less of the grab than labels.least_visible_fraction, and have no label: {hidden}; other "
+        "trainers than simgrab's take them for background, unless you leave them out (docs/loading.md)"
     ] * bool(hidden) + [
         f"swing.{key}: {count} of {summary.frames} draws were impossible and were clamped, so they pile up at "
         "the ends of what is possible: state a range that fits, or change the place or the grab"
