@@ -341,7 +341,7 @@ def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
 
 
 @pytest.mark.parametrize("missed", [0, 1])
-def test_errors_that_nothing_explains_are_stated_as_such(place, missed):
+def test_errors_that_nothing_explains_are_stated_as_such(place, missed, monkeypatch):
     """Of a pipeline that outputs angles alone, and misses a frame or none."""
     (scene,) = check(place, sound).scenes.values()
     true = scene.trial.known.alpha
@@ -355,6 +355,9 @@ def test_errors_that_nothing_explains_are_stated_as_such(place, missed):
     *others, last = causes(trial, ["angle.overall.rmse_deg"])
     assert last == "No single mistake was found that explains the errors of the angle."
     assert len(others) == missed
+    monkeypatch.setattr("simgrab.judge.check.causes.FEW_LOST", 0.1)
+    for failed, stated in (([], 0), (["frames.ok"], missed)):
+        assert len([*causes(trial, ["angle.overall.rmse_deg", *failed])]) == 1 + stated
 
 
 def test_frames_in_which_the_grab_hardly_swings_are_named(place, tmp_path):

@@ -16,6 +16,7 @@ from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array
 
 STILL = 10  # times less than the swing, an angle hardly follows it
+FEW_LOST = 0.05  # of the frames, which explain nothing
 UNEXPLAINED = "No single mistake was found that explains the errors of the angle."
 _LISTED = 4  # frames at most
 
@@ -45,9 +46,11 @@ def causes(
     if trial.run is None or trial.known is None or trial.evaluation is None:
         return
     run, true = trial.run, trial.known.alpha
-    if lost := reasons(run):
+    lost = reasons(run)
+    count = sum(count for *_, count in lost)
+    if count > FEW_LOST * len(true) or (lost and any(what.startswith("frames") for what in failed)):
         listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
-        yield f"{sum(count for *_, count in lost)} of {len(true)} frames have no angle: {listed}."
+        yield f"{count} of {len(true)} frames have no angle: {listed}."
     late = of_centres(run.pixels, trial.known.centre, run.time)
     if late is not None:
         yield f"{late.text}."
