@@ -162,6 +162,10 @@ class ClockOffset:
         """Interval of 95 %."""
         return self.offset_s - 1.96 * self.sd_s, self.offset_s + 1.96 * self.sd_s
 
+    def by_swing(self, late_s: float | None, sd_s: float | None) -> ClockOffset | None:
+        """Offset if the swing shows that this one is late by some seconds, with that one's standard deviation."""
+        return None if late_s is None or sd_s is None else replace(self, offset_s=self.offset_s + late_s, sd_s=sd_s)
+
     @property
     def note(self) -> str:
         """A difference between the lengths that is too large to come from readings; mostly empty."""
@@ -173,12 +177,17 @@ class ClockOffset:
         )
 
 
-def in_words(offset_s: float, interval_s: Sequence[float], source: str, by_swing_s: float | None) -> str:
-    """State a clock's offset with its interval of 95 %, and the offset that the swing shows, if it shows one."""
+def in_words(
+    offset_s: float, interval_s: Sequence[float], source: str, by_swing_s: Sequence[float] | None
+) -> str:  # fmt: skip
+    """State a clock's offset with its interval of 95 %, and that of the swing, if it shows one."""
     side, sign = ("ahead of", -1) if offset_s < 0 else ("behind", 1)
     low, high = sorted(sign * end for end in interval_s)
     said = f"{sign * offset_s:+.2f} s ({low:+.2f} to {high:+.2f}) {side} the pictures', from {source}"
-    return said + ("" if by_swing_s is None else f"; {sign * by_swing_s:+.2f} s by the swing, which is used")
+    if by_swing_s is None:
+        return said
+    low, high = sorted(sign * end for end in by_swing_s)
+    return f"{said}; {(low + high) / 2:+.2f} s ({low:+.2f} to {high:+.2f}) by the swing, which is used"
 
 
 def _unit(misfit: Callable[[float], float], display: Array, stated: str) -> str:

@@ -98,6 +98,7 @@ def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount, lag_
     assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.8
     assert np.degrees(np.median(high - low)) < 2
     assert found.diagnostics["clock_s"] == pytest.approx(-lag_s, abs=0.15)
+    assert abs(found.diagnostics["clock_s"] + lag_s) < 3 * found.diagnostics["clock_sd_s"] < 0.6
     assert found.diagnostics["follows"] == pytest.approx(float(mount == "levelled"), abs=0.1)
     assert np.degrees(found.diagnostics["pitch_per_m"]) == pytest.approx(2.0 * (mount == "rigid"), abs=0.2)
 

@@ -160,11 +160,10 @@ def measure(
     by_motion = getattr(kind, "controller", None) is not None and not kind.needs_imu
     offset, fixed = tested_offsets(found)
     far = far_offset(offset, calibration, by_motion=by_motion, fixed=fixed)
-    late = found.diagnostics.get("clock_s") if by_motion else None
     notes: tuple[str, ...] = ()
     if controller is not None and clock is not None:
-        shown = None if late is None else clock.offset_s + late
-        said = in_words(clock.offset_s, clock.interval_s, clock.source, shown)
+        shown = clock.by_swing(*map(found.diagnostics.get, ("clock_s", "clock_sd_s"))) if by_motion else None
+        said = in_words(clock.offset_s, clock.interval_s, clock.source, None if shown is None else shown.interval_s)
         wind = f"controller's wind: {kind.intervals.wind_m_s:.1f} m/s" if controller.wind is not None else ""
         notes = (*controller.notes, clock.note, f"controller's clock: {said}", wind)
     return EstimatedRecord(record, calibration, found, tuple(filter(None, (*notes, *warnings, far, why))))

@@ -64,6 +64,7 @@ REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
 WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change in that time
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 CLOCK_STEP_S, CLOCK_ROUNDS = 0.75, 3  # of the search of the controller's clock
+SAMPLED_S = 0.02  # how exactly a clock can be known from readings at their rate
 CLEARLY = 0.8  # ratio of twice the negative log posteriors below which another clock counts
 NOT_CONVERGED = f"not converged in {ROUNDS} rounds"
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
@@ -120,12 +121,13 @@ class PendulumSmoother(PathEstimator):
     records. Diagnostics: ``forcing`` (white acceleration, m²/s³ per axis), ``lean_sd`` (slow forcing, rad per axis),
     ``noise_px``, ``damping``, ``stiffness``, ``rounds``, ``offset_if_fixed_m`` (`RopeAware`'s), ``outliers`` (frames
     that lost nine tenths of their weight).
-    With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` (by which its clock is behind that of
-    the pictures), of the camera ``follows`` (share of apparent gravity, 1 if it levels itself and 0 if not),
-    ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad), ``not_free`` (share of the record
-    in which the grab does not swing freely: digging), ``cost`` (minus the logarithm of the likelihood), and, with a
-    sensor, ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the ropes, displace the grab; it is 0 if
-    grab and ropes are in line, and minus the height of the rope ends above A if the grab's head stays level.
+    With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` and ``clock_sd_s`` (by which its clock
+    is behind that of the pictures, and its standard deviation), of the camera ``follows`` (share of apparent gravity, 1
+    if it levels itself and 0 if not), ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad),
+    ``not_free`` (share of the record in which the grab does not swing freely: digging), ``cost`` (minus the logarithm
+    of the likelihood), and, with a sensor, ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the
+    ropes, displace the grab; it is 0 if grab and ropes are in line, and minus the height of the rope ends above A if
+    the grab's head stays level.
     """
 
     name: ClassVar[str] = "pendulum-smoother"
@@ -304,6 +306,7 @@ def _of_jib(found: PendulumFit) -> dict[str, float]:
         "longer_m": p[LONGER],
         "reach_m": p[REACH],
         "clock_s": -p[CLOCK],
+        "clock_sd_s": float(np.hypot(np.sqrt(found.minimum.covariance[CLOCK, CLOCK]), SAMPLED_S)),
         "follows": p[FOLLOWS],
         "levelling_hz": np.exp(p[FREQUENCY]) / (2 * np.pi),
         "levelling_damping": np.exp(p[LEVELLING]),

@@ -369,14 +369,15 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
         return {}
     controller = instrument.controller
     clock = (record.clock if record is not None else None) or controller.stated_clock
-    by_motion, used = None, None if record is None else record.estimator
+    by_swing, used = None, None if record is None else record.estimator
     if record is not None and record.estimate is not None and used is not None and not used.needs_imu:
-        by_motion = record.estimate.diagnostics.get("clock_s")
-    by_swing = None if by_motion is None else clock.offset_s + by_motion
+        by_swing = clock.by_swing(*map(record.estimate.diagnostics.get, ("clock_s", "clock_sd_s")))
     time = controller.time if record is None or record.arrays.time is None else record.arrays.time
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
-        "clock_by_motion_s": by_swing, "clock_used_s": clock.offset_s if by_swing is None else by_swing,
+        "clock_by_motion_s": None if by_swing is None else by_swing.offset_s,
+        "clock_by_motion_interval_s": None if by_swing is None else list(by_swing.interval_s),
+        "clock_used_s": (by_swing or clock).offset_s,
         "wind_m_s": None if controller.wind is None else controller.wind_m_s(time),
         "display_minus_controller_m": clock.difference_m,
         "notes": [*controller.notes, *filter(None, [clock.note, record.doubt if record is not None else ""])],

@@ -78,7 +78,9 @@ def held(run: Run) -> list[tuple[str, str]]:
     if asked:
         rows.append(("rope lengths read", f"{read} of {asked} ({100 * read / asked:.3f} %)"))
     if reported := run.about.get("controller"):
-        clock = in_words(*(reported[f"clock_{name}"] for name in ("offset_s", "interval_s", "from", "by_motion_s")))
+        clock = in_words(
+            *(reported[f"clock_{name}"] for name in ("offset_s", "interval_s", "from", "by_motion_interval_s"))
+        )
         rows.append(("controller's clock", clock))
         rows += [("controller's wind", f"{wind:.1f} m/s")] if (wind := reported.get("wind_m_s")) else []
     estimate = run.about["estimate"]
