@@ -117,10 +117,10 @@ def command(
     if as_json:
         click.echo(json.dumps(dataclasses.asdict(summary), default=str))
     elif not quiet:
-        facts = {key: value for key, value in dataclasses.asdict(summary).items() if key != "below_least"}.items()
-        stdout().print(
-            table((_LABELS.get(key, key.replace("_", " ")), _text(value)) for key, value in facts if value is not None)
-        )
+        facts = dataclasses.asdict(summary)
+        facts.pop("below_least", None)  # a line states it
+        shown = ((key, value) for key, value in facts.items() if value is not None)
+        stdout().print(table((_LABELS.get(key, key.replace("_", " ")), _text(value)) for key, value in shown))
         click.echo(printable(how))
         if out is not None:
             labels = "labels" if is_url(out) else "labels.parquet"

@@ -78,8 +78,7 @@ class ExportSource:
     @property
     def tiles(self) -> Iterator[tuple[NDArray[np.uint8], Row]]:
         """Frames of the contact sheet, BGR with their rows."""
-        shown = map(self.dataset.__getitem__, preview.shown(len(self.dataset)))
-        return ((frame.picture[..., ::-1], frame.truth) for frame in shown)
+        return preview.tiles(self.dataset)
 
 
 def export(

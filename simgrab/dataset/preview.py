@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 from simgrab.dataset import overlay
 from simgrab.io import pictures
 from simgrab.model.truth import KEYPOINT_NAMES, Row
+
+if TYPE_CHECKING:
+    from simgrab.dataset.datasets import Dataset
 
 NAME = "preview.jpg"
 TILE_WIDTH = 640
@@ -24,6 +28,11 @@ BOX, CENTRE, VERTICAL, POINT, HIDDEN_POINT = (
     (255, 90, 255),
     (170, 110, 170),
 )
+
+
+def tiles(dataset: Dataset) -> Iterator[tuple[NDArray[np.uint8], Row]]:
+    """Frames of a dataset's sheet, BGR with their rows."""
+    return ((frame.picture[..., ::-1], frame.truth) for frame in map(dataset.__getitem__, shown(len(dataset))))
 
 
 def shown(frames: int) -> list[int]:

@@ -186,8 +186,7 @@ def finish(
         core = core | tally.stated(scenario)
     known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
     dataset = shards.of_shards(store, known)
-    tiles = [(frame.picture[..., ::-1], frame.truth) for frame in map(dataset.__getitem__, preview.shown(frames))]
-    digests |= tables.describe(store, core, scenario, tiles, tally, "webdataset")
+    digests |= tables.describe(store, core, scenario, preview.tiles(dataset), tally, "webdataset")
     store.write(MANIFEST, manifest.compose(core | {"shards": about}, rendered_by, digests))
 
 

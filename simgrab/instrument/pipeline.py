@@ -249,9 +249,8 @@ class Pipeline:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
         ahead_s = None
-        if estimate is None or not moving(
-            estimator
-        ):  # forecasts rest on the tilt of all of the record, but on no later frames
+        if estimate is None or not moving(estimator):
+            # Forecasts rest on the tilt of all of the record, but on no later frames.
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
         measured = angles.measurements(
             record, alpha, ends, ahead=ahead_s, swing=swing if still(calibration, estimator) else None

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from simgrab.instrument.estimate.chain import jacobian
 from simgrab.instrument.estimate.frames import Frames
 from simgrab.instrument.estimate.jib import JibMotion
-from simgrab.model.geometry import Array, lean, rotation_z
+from simgrab.model.geometry import Array, lean, on_ropes, rotation_z
 
 NODE_S = 0.35  # longer steps between frames are divided
 THIN_S = 0.3  # strengths are searched for on frames that are this far apart
@@ -156,10 +156,7 @@ def seen_from(turn: Array, s: Array, rope: Array, offset: Array) -> Array:
 def looked_along(turn: Array, place: Array, rope: Array, offset: Array) -> Array:
     """Horizontal part s (k, 2) of the direction to what is seen at a place (k, 2): inverse of `seen_from`."""
     ray = np.einsum("...ij,...j->...i", turn, np.concatenate([place, -np.ones((len(place), 1))], axis=-1))
-    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-    along = np.sum(ray * offset, axis=-1)
-    distance = np.sqrt(np.maximum(along**2 + rope**2 - np.sum(offset**2, axis=-1), 0)) - along
-    return np.asarray((offset + distance[:, None] * ray)[:, :2] / rope[:, None])
+    return np.asarray(on_ropes(offset, ray, rope)[:, :2] / rope[:, None])
 
 
 def _rates(x: Array, parameters: Array, rope: Array, length: float, acceleration: Array | float) -> Array:

@@ -157,7 +157,7 @@ def _degrees(value: float | None) -> float | None:
 
 def _measurement(row: dict[str, Any]) -> Measurement:
     plain = {name: row[name] for name in (*_TEXT, "danger", "score", "rope_length_m")}
-    plain |= {name: row.get(name) for name in ("warning", "peak_in_s")}  # an instrument's own table may lack them
+    plain |= {name: row.get(name) for name in ("warning", "peak_in_s")}  # which a table may lack
     for name in (*_ANGLES, "direction", *_PEAK):
         value = row[f"{name}_deg"] if name in _ANGLES else row.get(f"{name}_deg")
         plain[name] = None if value is None else math.radians(value)

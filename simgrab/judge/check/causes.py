@@ -10,10 +10,10 @@ import numpy as np
 from simgrab.instrument.run.runs import Run, reasons
 from simgrab.judge.check.mistakes import Mistake, likely, of_centres, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
-from simgrab.judge.evaluate.budget import by_centres, of_tilt, swing_of, with_lengths
+from simgrab.judge.evaluate.budget import by_centres, of_tilt, with_lengths
 from simgrab.judge.evaluate.swings import angles
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.model.geometry import Array
+from simgrab.model.geometry import Array, swing_of
 
 STILL = 10  # times less than the swing, an angle hardly follows it
 FEW_LOST = 0.05  # of the frames, which explain nothing
@@ -113,7 +113,7 @@ def _by_inputs(run: Run, known: Truths) -> tuple[Array, Array | None]:
     They are the true ones in frames without both, and everywhere if these explain nothing.
     """
     places = by_centres(run, known, "read")
-    swing, true = swing_of(places), np.full(places.shape, np.nan)
+    swing, true = swing_of(places)[0], np.full(places.shape, np.nan)
     there = [row is not None for row in known.rows]
     true[there] = np.reshape([row.jib_from_grab for row in known.rows if row is not None], (-1, 3, 4))[..., 3]
     some = np.isfinite(swing) & np.isfinite(run.alpha)
@@ -180,7 +180,7 @@ def _of_stages(
     later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
     assert trial.known is not None
     known = trial.known
-    centre_deg, tilt = np.rad2deg(_rms_of(swing_of(by_centres(run, known)) - known.alpha)), of_tilt(run, known)
+    centre_deg, tilt = np.rad2deg(_rms_of(swing_of(by_centres(run, known))[0] - known.alpha)), of_tilt(run, known)
     budget = None if trial.evaluation is None else trial.evaluation.budget
     if trial.centres and centre_deg**2 > rmse**2 / 2 and not steady:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from simgrab.model.geometry import Array, Pose
+from simgrab.model.geometry import Array, Pose, on_ropes, swing_of
 from simgrab.model.truth import Row
 
 MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for an offset and a tilt at once
@@ -103,9 +103,9 @@ def _of_geometry(
     """Explain by a tilt, a focal length, an offset, the lens's distortion, and by a constant."""
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     f_px, axis, offset = rows[0].fx_px, camera.rotation[:, :2, 2], camera.translation[:, :2]
-    rope = np.linalg.norm(grab, axis=1)
+    per_m = 1 / np.linalg.norm(grab, axis=1, keepdims=True)
     least = LEAST_SHARE * Mistake("", measured - true).rms
-    fits = _Fits(measured, _level(grab), camera.translation / rope[:, None], axis.mean(axis=0), least)
+    fits = _Fits(measured, _level(grab), camera.translation * per_m, axis.mean(axis=0), least)
 
     def lens(factor: float) -> str:
         inside = FOCAL[0] < factor < FOCAL[1]
@@ -115,7 +115,7 @@ def _of_geometry(
     (factor,), left = fits.fit(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
     of_lens = fits.factor(_level(grab - camera.translation) - axis, lens)
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
-    shift = _of_offset(fits, offset, 1 / np.linalg.norm(grab, axis=1, keepdims=True), rope_known=rope_known)
+    shift = _of_offset(fits, offset, per_m, rope_known=rope_known)
     found = [tilt, focal, shift]
     if max(shift.rms, tilt.rms) < CLEARLY * max(min(shift.rms, tilt.rms), least):  # as on a rope of constant length
         alike = (tilt, shift) if shift.any_offset else (shift, tilt)
@@ -127,7 +127,7 @@ def _of_geometry(
     return [*as_with, Mistake("", measured - true - np.mean(measured - true), 1)]
 
 
-_NOTHING = np.zeros(2)
+_UNMOVED = np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ class _Fits:
         x = least_squares(lambda x: predict(x) - self.measured, start).x
         return x, self.measured - predict(x)
 
-    def _moved(self, by: Array | float = 0.0, lean: Array = _NOTHING, shift: Array = _NOTHING) -> Array:
+    def _moved(self, by: Array | float = 0.0, lean: Array = _UNMOVED, shift: Array = _UNMOVED) -> Array:
         """Swings (n,), rad, as they follow from mistakes.
 
         Directions of which the horizontal parts are moved, a tilt that is wrong by (2,), rad, and a camera that is
@@ -159,12 +159,9 @@ class _Fits:
         grab = np.column_stack([level, -np.sqrt(np.maximum(1 - np.sum(level**2, axis=1), 0))])
         if lean.any() or shift.any():
             ray = Rotation.from_rotvec([lean[1], -lean[0], 0.0]).apply(grab - self.camera)
-            ray /= np.linalg.norm(ray, axis=1, keepdims=True)
             camera = self.camera + np.pad(np.broadcast_to(shift, level.shape), ((0, 0), (0, 1)))
-            along = np.sum(ray * camera, axis=1)
-            reach = np.sqrt(np.maximum(along**2 + 1 - np.sum(camera**2, axis=1), 0)) - along
-            grab = camera + reach[:, None] * ray
-        return np.arctan2(np.linalg.norm(grab[:, :2], axis=1), -grab[:, 2])
+            grab = on_ropes(camera, ray, 1.0)
+        return swing_of(grab)[0]
 
     @cached_property
     def lean(self) -> tuple[Array, Array]:
@@ -209,7 +206,7 @@ class _Fits:
         """
         k = len(start)
 
-        def moved(x: Array, lean: Array = _NOTHING) -> Array:
+        def moved(x: Array, lean: Array = _UNMOVED) -> Array:
             return self._moved(lean=lean, shift=by(x)) if of_camera else self._moved(by(x), lean)
 
         x, left = self.fit(moved, *start)

@@ -17,7 +17,7 @@ from simgrab.instrument.run.runs import Run
 from simgrab.judge.evaluate.swings import errors
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array, to_camera
+from simgrab.model.geometry import Array, on_ropes, swing_of, to_camera
 from simgrab.model.rng import stream
 from simgrab.model.truth import Row
 
@@ -155,7 +155,7 @@ class _Parts:
         """Tilt in degrees, if any, and swings (n,), rad, of a stage; NaN if the estimator refuses."""
         pixels, rope, camera = self.centre[stage.centre], self.rope[stage.rope], self.camera[stage.camera]
         if stage.tilt == "true":
-            return None, swing_of(by_pose(self.rows, pixels, rope))
+            return None, swing_of(by_pose(self.rows, pixels, rope))[0]
         if stage.tilt == "constant":
             tilt = steady(self.rows, camera)
             return tilt.beta_deg, follow(tilt, pixels, camera, rope_length=rope)[0]
@@ -263,17 +263,7 @@ def by_pose(rows: tuple[Row, ...], pixels: Array, rope: Array) -> Array:
     pose = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)
     camera = true_camera(rows, _any_camera(rows[0])).intrinsics
     ray = np.einsum("nij,nj->ni", pose[:, :, :3], camera.rays(pixels))
-    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-    origin = pose[:, :, 3]
-    # Where the ray meets the sphere of radius l about O.
-    along = np.sum(ray * origin, axis=-1)
-    reach = np.sqrt(np.maximum(along**2 + rope**2 - np.sum(origin**2, axis=-1), 0)) - along
-    return np.asarray(origin + reach[:, None] * ray)
-
-
-def swing_of(grab: Array) -> Array:
-    """Swings (n,), rad, of grab centres (n, 3), jib frame."""
-    return np.arctan2(np.hypot(grab[:, 0], grab[:, 1]), -grab[:, 2])
+    return on_ropes(pose[:, :, 3], ray, rope)
 
 
 def steady(rows: tuple[Row, ...], camera: Calibration) -> Known:

@@ -107,6 +107,17 @@ def to_camera(points_jib: ArrayLike, rotation: ArrayLike, offset: ArrayLike) -> 
     return np.einsum("...ji,...j->...i", np.asarray(rotation, float), delta)
 
 
+def on_ropes(camera: Array, ray: Array, rope: Array | float) -> Array:
+    r"""Where rays (n, 3) from a camera (..., 3) meet the sphere about O whose radius is \|OA\|, ``rope`` (n,): (n, 3).
+
+    Of a rope that is too short to be met, the place on the ray that is nearest to O.
+    """
+    ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+    along = np.sum(ray * camera, axis=-1)
+    reach = np.sqrt(np.maximum(along**2 + rope**2 - np.sum(camera**2, axis=-1), 0)) - along
+    return np.asarray(camera + reach[:, None] * ray)
+
+
 def vertical_direction(azimuth: ArrayLike, roll: ArrayLike) -> Array:
     """Direction C'G' in the picture, clockwise from its x axis, rad.
 
