@@ -876,6 +876,24 @@ def test_a_report_with_odd_texts_is_still_xml(tmp_path):
     assert ElementTree.parse(tmp_path / report.JUNIT).find(".//failure").get("message") == "  <& "
 
 
+def test_a_cause_that_most_failed_scenes_have_in_common_is_stated_once(capsys):
+    def scene(name, causes, status="failed"):
+        outcome = report.Outcome((report.Verdict(scene=name, what="frames.ok", status=status, message="x"),), {}, 0.0)
+        outcome.__dict__["causes"] = causes  # as it is cached
+        return outcome
+
+    late = "Rope lengths are {:.2f} s late. Otherwise their error would be {} cm."
+    texts = {"a": late.format(1.5, 2), "b": late.format(0.75, 3), "c": late.format(1.5, 3), "d": "No mistake was found."}
+    scenes = {name: scene(name, text) for name, text in texts.items()} | {"e": scene("e", "", "passed")}
+    whole = report.Report("s", "i", 0, scenes=scenes)
+    common = "In 3 of 4 scenes that failed (a, b, c): Rope lengths are 0.75 to 1.50 s late."
+    assert list(whole.common) == json.loads(report.as_json(whole))["common_causes"] == [common]
+    assert page.page(whole).count(common) == 1
+    table.show(whole)
+    assert common in capsys.readouterr().out
+    assert not list(report.Report("s", "i", 0, scenes={name: scenes[name] for name in "ade"}).common)
+
+
 def test_a_report_takes_away_its_own_pictures_alone(tmp_path):
     picture = np.zeros((4, 12, 3), np.uint8)
     save = functools.partial(report.save, out=tmp_path, page="")

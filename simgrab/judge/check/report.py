@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +25,8 @@ from simgrab.judge.check.trial import Metrics, Trial
 from simgrab.judge.check.verdicts import Verdict, passes
 from simgrab.judge.check.worst import WorstFrame, worst_frames
 
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_MISTAKES = ("The angles are", "Rope lengths are", "The measured", "Correct", "Most of the error")
 RESULT, JUNIT, PAGE, PICTURES = "check.json", "junit.xml", "check.html", "golden"
 
 
@@ -116,6 +120,20 @@ class Report:
         return all(verdict.status != "failed" for verdict in self.verdicts)
 
     @property
+    def common(self) -> Iterator[str]:
+        """What most of the scenes that failed have as a cause, with the range of each number."""
+        named = defaultdict[str, dict[str, list[str]]](dict)
+        failed = [name for name, scene in self.scenes.items() if any(v.status == "failed" for v in scene.verdicts)]
+        for name in failed:
+            for sentence in self.scenes[name].causes.split(". "):
+                named[_NUMBER.sub("{}", sentence.removesuffix("."))][name] = _NUMBER.findall(sentence)
+        for text, scenes in named.items():
+            if len(scenes) > max(1, len(failed) / 2) and text.startswith(_MISTAKES):
+                ranges = [sorted(set(values), key=float) for values in zip(*scenes.values(), strict=True)]
+                values = [" to ".join(dict.fromkeys((one[0], one[-1]))) for one in ranges]
+                yield f"In {len(scenes)} of {len(failed)} scenes that failed ({', '.join(scenes)}): {text.format(*values)}."
+
+    @property
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         """Pictures of all scenes, by file name."""
         return {name: picture for scene in self.scenes.values() for name, picture in scene.pictures.items()}
@@ -128,6 +146,7 @@ def as_json(report: Report) -> bytes:
         "status": "passed" if report.passed else "failed",
         "verdicts": msgspec.to_builtins(report.verdicts), "notes": report.notes,
         "metrics": {name: scene.metrics for name, scene in report.scenes.items()},
+        "common_causes": list(report.common),
         "causes": {name: scene.causes for name, scene in report.scenes.items() if scene.causes},
         "worst_frames": {name: [one.plain() for one in scene.worst] for name, scene in report.scenes.items()},
         "seconds": {name: round(scene.seconds, 3) for name, scene in report.scenes.items()},

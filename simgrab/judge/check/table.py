@@ -29,6 +29,8 @@ def show(report: Report, *, quiet: bool = False) -> None:
     for name, scene in report.scenes.items():
         if scene.causes:
             console.print(cell(f"{name}: {scene.causes}"), soft_wrap=True)
+    for sentence in report.common:
+        console.print(cell(sentence), soft_wrap=True)
     if not quiet:
         for note in report.notes:
             console.print(cell(note), soft_wrap=True)

@@ -49,7 +49,7 @@ class Footage:
         FFmpeg's name of the coder.
     frame_rate_hz : float or None
     bit_rate_mbit_s : float or None
-        Of the packets that were read, over the time that they show.
+        As the file states it, else of the packets that were read, over the time that they show.
     gop_frames : int or None
         Distance of key frames, where two were read.
     quantiser : float or None
@@ -155,7 +155,7 @@ def _read(stream: VideoStream, video: Video) -> Footage:
     rate = 1 / median(gaps) if gaps else None
     return Footage(
         name=name, luma=np.stack(luma), rgb=np.stack(rgb), codec=codec.codec.name, frame_rate_hz=rate,
-        bit_rate_mbit_s=8e-6 * sum(sizes) * rate / len(luma) if rate else None,
+        bit_rate_mbit_s=1e-6 * (stream.bit_rate or 8 * sum(sizes) * rate / len(luma)) if rate else None,
         gop_frames=int(median(b - a for a, b in pairwise(keys))) if len(keys) > 1 else None,
         quantiser=float(np.mean(steps)) if steps else None, weights=weights, note=note,
     )  # fmt: skip
