@@ -1,3 +1,4 @@
+import json
 import os
 import pickle
 import shutil
@@ -260,6 +261,22 @@ def test_pictures_and_masks_are_read_only_when_asked_for(copy):
     (copy / "annotations" / f"instances_{frame.truth.split}.json").unlink()
     with pytest.raises(DatasetError, match="cannot read"):
         _ = frame.mask
+
+
+@pytest.mark.parametrize("mark", ["utf-8", "utf-8-sig"])
+def test_masks_are_found_wherever_they_stand(copy, mark):
+    masks = [frame.coded_mask for frame in simgrab.open(copy)]
+    assert any(masks)
+    for file in copy.rglob("instances_*.json"):
+        known = json.loads(file.read_bytes())
+        known["annotations"] = [dict(reversed(one.items())) for one in reversed(known["annotations"])]
+        file.write_text(json.dumps(known, indent=2), encoding=mark)
+    data = simgrab.open(copy)
+    assert [frame.coded_mask for frame in data] == masks
+    for file in copy.rglob("instances_*.json"):
+        file.write_bytes(file.read_bytes()[::-1])
+    with pytest.raises(DatasetError, match="not readable COCO labels"):
+        _ = data[0].coded_mask
 
 
 def test_a_picture_file_is_not_read_beyond_its_limit(copy):

@@ -25,7 +25,7 @@ from simgrab.model import calibration
 from simgrab.model import label_arrays as labels
 from simgrab.model.calibration import Calibration
 from simgrab.model.label_arrays import Labelled
-from simgrab.model.masks import Coded, MaskFiles, Masks
+from simgrab.model.masks import Coded, Masks
 from simgrab.model.records import frame_files
 from simgrab.model.truth import SPLITS, Row
 
@@ -178,7 +178,7 @@ class _Folder:
     """Pictures and masks in files of a folder."""
 
     folder: Path
-    masks: MaskFiles
+    masks: Masks
 
     def path(self, row: Row) -> Path:
         return self.folder / row.file
@@ -414,7 +414,7 @@ def read(path: str | Path) -> Dataset:
 
 
 def in_folder(
-    path: Path, rows: tuple[Row, ...], data: DatasetIdentity, least_visible_fraction: float, masks: MaskFiles
+    path: Path, rows: tuple[Row, ...], data: DatasetIdentity, least_visible_fraction: float, masks: Masks
 ) -> Dataset:
     """Make a dataset from rows whose pictures are in a folder."""
     found = FolderRows(rows, _Folder(path, masks))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -13,11 +14,14 @@ from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
 from simgrab.errors import DatasetError, one_line
-from simgrab.io.parse import read_bytes
+from simgrab.io.parse import opened, read_bytes
 from simgrab.model.truth import Row
 
 MOST_COCO_BYTES = 4 * 2**30
 _RUNS = re.compile("(?:[P-o]{0,5}[0-O])+")  # 5 bits a character, and whether another one follows
+
+
+T = TypeVar("T", bound=msgspec.Struct)
 
 
 class Coded(msgspec.Struct, frozen=True):
@@ -45,27 +49,22 @@ class Coded(msgspec.Struct, frozen=True):
             ) from None
 
 
-class MaskFiles(Protocol):
-    """Masks in a dataset's COCO files."""
-
-    def coded(self, row: Row) -> Coded | None:
-        """Look up the mask of a row; None where there is none. Raises `DatasetError` where a file cannot be read."""
-
-    def file(self, split: str) -> Path:
-        """Path of a split's COCO file."""
-
-
 class _Annotation(msgspec.Struct, frozen=True):
     image_id: int
-    segmentation: Coded
+    segmentation: msgspec.Raw
 
 
 class _Coco(msgspec.Struct, frozen=True):
     annotations: list[_Annotation]
 
 
+_Spans = dict[int, tuple[int, int]]  # first byte of a frame's mask in its file, and the first after it
+
+
 class Masks:
-    """The masks in a dataset's COCO files. Each file is read at the first request for a mask of its split.
+    """The masks in a dataset's COCO files.
+
+    Each file is read at the first request for a mask of its split; then only the place of each mask is kept.
 
     Parameters
     ----------
@@ -75,7 +74,7 @@ class Masks:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._coded: dict[str, dict[int, Coded]] = {}
+        self._spans: dict[str, _Spans] = {}
 
     def coded(self, row: Row) -> Coded | None:
         """Look up the mask of a row; None where the labels hold none.
@@ -85,26 +84,42 @@ class Masks:
         DatasetError
             If the file cannot be read.
         """
-        if row.split not in self._coded:
-            self._coded[row.split] = self._read(row.split)
-        return self._coded[row.split].get(row.frame)
+        file = self.file(row.split)
+        if row.split not in self._spans:
+            self._spans[row.split] = _spans(file)
+        if row.frame not in self._spans[row.split]:
+            return None
+        start, end = self._spans[row.split][row.frame]
+        with opened(file, _refusal(file), most_bytes=MOST_COCO_BYTES) as handle:
+            handle.seek(start)
+            data = handle.read(end - start)
+        return _parsed(data, Coded, file)
 
     def file(self, split: str) -> Path:
         """Path of a split's COCO file."""
         return self._path / "annotations" / f"instances_{split}.json"
 
-    def _read(self, split: str) -> dict[int, Coded]:
-        file = self.file(split)
 
-        def refusal(why: object) -> DatasetError:
-            return DatasetError(f"{file}: not readable COCO labels ({why})")
+def _spans(file: Path) -> _Spans:
+    data = read_bytes(file, _refusal(file), most_bytes=MOST_COCO_BYTES)
+    found, at = _Spans(), 0
+    for annotation in _parsed(data.removeprefix(codecs.BOM_UTF8), _Coco, file).annotations:
+        _parsed(annotation.segmentation, Coded, file)
+        start = data.index(annotation.segmentation, at)  # or of the same text before it
+        at = start + len(memoryview(annotation.segmentation))
+        found[annotation.image_id] = start, at
+    return found
 
-        data = read_bytes(file, refusal, most_bytes=MOST_COCO_BYTES).removeprefix(codecs.BOM_UTF8)
-        try:
-            known = msgspec.json.decode(data, type=_Coco)
-        except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as problem:
-            raise refusal(one_line(problem)) from None
-        return {annotation.image_id: annotation.segmentation for annotation in known.annotations}
+
+def _parsed(data: bytes | msgspec.Raw, kind: type[T], file: Path) -> T:
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as problem:
+        raise _refusal(file)(one_line(problem)) from None
+
+
+def _refusal(file: Path) -> Callable[[object], DatasetError]:
+    return lambda why: DatasetError(f"{file}: not readable COCO labels ({why})")
 
 
 def _decoded(counts: str, height: int, width: int) -> NDArray[np.bool_]:

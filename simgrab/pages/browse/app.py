@@ -62,6 +62,7 @@ class Browser:
         self.subject, self.exports = subject, Exports(subject)
         self._tiles = pictures.Tiles(subject.content)
         self._session, self._tracing = secrets.token_hex(4), threading.BoundedSemaphore(2)
+        self._masks = threading.Lock()  # so that their file is searched once
 
     @property
     def app(self) -> Starlette:
@@ -120,7 +121,8 @@ class Browser:
     def _outline(self, row: int, width_px: int) -> list[list[float]] | None:
         """Trace a row's mask; None where there is none that fits the picture."""
         try:
-            known, coded = self.subject.row(row), self.subject.mask(row)
+            with self._masks:
+                known, coded = self.subject.row(row), self.subject.mask(row)
             if known is None or coded is None:
                 return None
             with self._tracing:

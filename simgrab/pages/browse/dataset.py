@@ -17,12 +17,11 @@ from simgrab.dataset.tables import labels_schema
 from simgrab.errors import DatasetError, first_line
 from simgrab.io import files, parquet
 from simgrab.io.parse import is_dir, is_file, read_bytes, read_json
-from simgrab.model.masks import Coded
+from simgrab.model.masks import Coded, Masks
 from simgrab.model.records import frame_files
 from simgrab.model.records.frame_files import LABELS
 from simgrab.model.truth import Row
 from simgrab.pages.browse import columns
-from simgrab.pages.browse.masks import IndexedMasks
 from simgrab.pages.browse.subject import Order, Subject, converted
 
 PARTIAL = ".partial"
@@ -110,12 +109,12 @@ def read_labels(path: Path) -> tuple[pa.Table, Dataset, tuple[str, ...]]:
     least = known.scenario.labels.least_visible_fraction
     changed = known.files.get(LABELS, data.labels_sha256) != data.labels_sha256
     notes = (f"{LABELS} does not match the digest in the manifest: it was changed or damaged",) if changed else ()
-    return table, datasets.in_folder(path, (), data, least, IndexedMasks(path)), notes
+    return table, datasets.in_folder(path, (), data, least, Masks(path)), notes
 
 
 def _finished(path: Path) -> Subject:
     table, whole, notes = read_labels(path)
-    labels, masks = LabelTable(path, table), IndexedMasks(path)
+    labels, masks = LabelTable(path, table), Masks(path)
     return _subject(labels, lambda row: masks.coded(labels.known(row)), whole.least_visible_fraction, notes, whole)
 
 

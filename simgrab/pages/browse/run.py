@@ -21,12 +21,11 @@ from simgrab.instrument.video import Video
 from simgrab.io import files, parquet, pictures
 from simgrab.io.parse import is_dir, is_file, read_bytes
 from simgrab.judge.evaluate import truths
-from simgrab.model.masks import Coded
+from simgrab.model.masks import Coded, Masks
 from simgrab.model.records import frame_files
 from simgrab.model.truth import Row
 from simgrab.pages.browse import columns, dataset
 from simgrab.pages.browse.dataset import LabelTable
-from simgrab.pages.browse.masks import IndexedMasks
 from simgrab.pages.browse.subject import Order, Subject, converted
 from simgrab.pages.browse.videos import VideoPictures
 
@@ -56,7 +55,7 @@ class _Known:
         Row in the labels; -1 where nothing is known.
     table : pyarrow.Table
         Labels, of n rows; null where nothing is known.
-    masks : IndexedMasks or None
+    masks : Masks or None
     least : float
         From which visible fraction on detection labels hold a box.
     dataset : Dataset or None
@@ -66,7 +65,7 @@ class _Known:
     labels: LabelTable | None
     at: NDArray[np.int64]
     table: pa.Table
-    masks: IndexedMasks | None
+    masks: Masks | None
     least: float
     dataset: Dataset | None = None
 
@@ -164,7 +163,7 @@ def _of_dataset(run: Run, source: Path) -> _Known:
     at = np.array(found, np.int64)
     same = np.array_equal(at, np.arange(labels.num_rows))
     own, least = labels if same else labels.take(pa.array(at)), whole.least_visible_fraction
-    return _Known(LabelTable(source, labels), at, own, IndexedMasks(source), least, whole)
+    return _Known(LabelTable(source, labels), at, own, Masks(source), least, whole)
 
 
 def _with_truth(table: pa.Table, known: _Known) -> pa.Table:

@@ -31,10 +31,9 @@ from simgrab.instrument.video import Video
 from simgrab.io import pictures
 from simgrab.io.files import sha256
 from simgrab.judge.evaluate.evaluation import evaluate
-from simgrab.model.masks import Coded, Masks
-from simgrab.pages.browse import browse, columns, dataset, masks
+from simgrab.model.masks import Coded
+from simgrab.pages.browse import browse, columns, dataset
 from simgrab.pages.browse.exporting import Exports
-from simgrab.pages.browse.masks import IndexedMasks
 from simgrab.pages.browse.pictures import LruCache
 from simgrab.pages.browse.run import _in_folder
 from simgrab.pages.browse.videos import VideoPictures
@@ -193,17 +192,6 @@ def test_a_frame_is_shown_with_its_labels_and_its_picture(address, summary, data
         assert known["alpha_deg"] == frame.truth.alpha_deg
         assert known["keypoints"] == list(frame.truth.keypoints)
         assert known["labelled"] == frame.labelled
-
-
-@pytest.mark.parametrize("chunk_bytes", [50, 333, 2**20])
-def test_masks_are_found_wherever_they_stand(data, monkeypatch, chunk_bytes):
-    monkeypatch.setattr(masks, "_CHUNK_BYTES", chunk_bytes)
-    whole, indexed = Masks(data), IndexedMasks(data)
-    rows = simgrab.open(data).rows
-    found = [indexed.coded(row) for row in rows]
-    assert found == [whole.coded(row) for row in rows]
-    assert any(found)
-    assert None in found
 
 
 @pytest.mark.parametrize(
