@@ -132,7 +132,8 @@ def altered(path, column, change):
         ("oriented_box", [0.0] * 7), ("m_px", float("nan")), ("box_x0_px", -1),
     ],
 )  # fmt: skip
-def test_a_label_that_cannot_be_is_refused_with_its_row(copy, column, value):
+def test_a_label_that_cannot_be_is_refused_with_its_row(copy, column, value, monkeypatch):
+    monkeypatch.setattr(frame_files, "_CONVERTED_TOGETHER", 2)
     altered(copy, column, lambda values: [*values[:3], value, *values[4:]])
     with pytest.raises(DatasetError, match=rf"not a simgrab dataset .*\$\[3\]\.{column}"):
         datasets.read(copy)

@@ -71,8 +71,8 @@ def violations(room: str, source: str) -> set[str]:
             bad.add(name)
         if room != "pages" and top in ONLY_TO_PAGES:
             bad.add(name)
-    if blind and "read_rows" in source:  # which reads any column of the labels
-        bad.add("read_rows")
+    if blind:  # these read any column of the labels
+        bad |= {name for name in ("read_rows", "read_labels") if name in source}
     return bad
 
 
@@ -142,6 +142,7 @@ def test_a_planted_cycle_is_seen(module, line):
         ("instrument", "from simgrab import scenario"),
         ("instrument", "import mujoco"),
         ("instrument", "from simgrab.model.records import frame_files\nframe_files.read_rows(path, WithAlpha)"),
+        ("instrument", "from simgrab.model.records import frame_files\nframe_files.read_labels(path)"),
         ("world", "def f():\n    import simgrab.instrument.estimate"),
         ("world", "from simgrab.judge import audit"),
         ("instrument", "from simgrab.model.truth import Truth"),

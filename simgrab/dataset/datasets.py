@@ -7,7 +7,7 @@ import contextlib
 import hashlib
 import operator
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, overload
 
 import msgspec
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from simgrab.errors import DatasetError, first_line
@@ -25,8 +27,9 @@ from simgrab.model import calibration
 from simgrab.model import label_arrays as labels
 from simgrab.model.calibration import Calibration
 from simgrab.model.label_arrays import Labelled
-from simgrab.model.masks import Coded, Masks
+from simgrab.model.masks import Coded, Masks, coco_file
 from simgrab.model.records import frame_files
+from simgrab.model.records.frame_files import FrameFile
 from simgrab.model.truth import SPLITS, Row
 
 if TYPE_CHECKING:
@@ -174,19 +177,26 @@ class LabelledFrame(Labelled):
 
 
 @dataclass(frozen=True)
-class _Folder:
-    """Pictures and masks in files of a folder."""
+class FolderFiles:
+    """Pictures in files of a folder, and their masks; see `DatasetFiles`.
+
+    Attributes
+    ----------
+    folder : Path
+    coded : callable
+        Looks up a row's mask.
+    """
 
     folder: Path
-    masks: Masks
+    coded: Callable[[Row], Coded | None]
 
-    def path(self, row: Row) -> Path:
+    def path(self, row: Row) -> Path:  # noqa: D102
         return self.folder / row.file
 
-    def content(self, row: Row) -> bytes:
+    def content(self, row: Row) -> bytes:  # noqa: D102
         return frame_files.content(self.path(row), row)
 
-    def buffers(self, row: Row) -> dict[str, bytes]:
+    def buffers(self, row: Row) -> dict[str, bytes]:  # noqa: D102
         paths = {kind: self.folder / name for kind, name in buffer_names(row.file).items()}
         return {
             kind: read_bytes(path, DatasetError, most_bytes=pictures.MOST_BYTES)
@@ -194,14 +204,14 @@ class _Folder:
             if is_file(path, DatasetError)
         }
 
-    def mask(self, row: Row) -> Coded | None:
-        return self.masks.coded(row)
+    def mask(self, row: Row) -> Coded | None:  # noqa: D102
+        return self.coded(row)
 
-    def name(self, row: Row) -> str:
+    def name(self, row: Row) -> str:  # noqa: D102
         return str(self.path(row))
 
-    def mask_name(self, row: Row) -> str:
-        return str(self.masks.file(row.split))
+    def mask_name(self, row: Row) -> str:  # noqa: D102
+        return str(coco_file(self.folder, row.split))
 
 
 class RowStore(Protocol):
@@ -221,25 +231,34 @@ class RowStore(Protocol):
 
 @dataclass(frozen=True)
 class FolderRows:
-    """The rows of ``labels.parquet``, all of them in memory, and files of a folder; see `RowStore`."""
+    """The table ``labels.parquet``, of which rows are made at each access, and files of a folder; see `RowStore`.
 
-    rows: tuple[Row, ...]
-    files: DatasetFiles = field(repr=False, compare=False)
+    Attributes
+    ----------
+    table : pyarrow.Table
+    files : FolderFiles
+    """
+
+    table: pa.Table
+    files: FolderFiles = field(repr=False, compare=False)
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return int(self.table.num_rows)
 
     def at(self, positions: range) -> Iterator[tuple[Row, DatasetFiles]]:  # noqa: D102
-        return ((self.rows[position], self.files) for position in positions)
+        near = positions.step == 1
+        some = self.table.slice(positions.start, len(positions)) if near else self.table.take(pa.array(positions))
+        return ((row, self.files) for row in frame_files.converted(some, Row, self.files.folder))
 
     def find(self, number: int) -> int:  # noqa: D102
-        position = bisect.bisect_left(self.rows, number, key=lambda row: row.frame)
-        if position == len(self.rows) or self.rows[position].frame != number:
+        frames = self.table["frame"]
+        position = bisect.bisect_left(range(len(self)), number, key=lambda at: frames[at].as_py())
+        if position == len(self) or frames[position].as_py() != number:
             raise KeyError(number)
         return position
 
     def split(self, name: str) -> FolderRows:  # noqa: D102
-        return replace(self, rows=tuple(row for row in self.rows if row.split == name))
+        return replace(self, table=self.table.filter(pc.equal(self.table["split"], name)))
 
 
 @dataclass(frozen=True)
@@ -349,10 +368,10 @@ class Dataset(Sequence[LabelledFrame]):
         rows = self._rows.split(name)
         return replace(self, _rows=rows, _positions=range(len(rows)))
 
-    def with_rows(self, rows: tuple[Row, ...]) -> Dataset:
-        """Replace the rows by other rows of the same folder, by frame."""
+    def with_rows(self, table: pa.Table) -> Dataset:
+        """Replace the labels by other labels of the same folder, by frame, in the columns of ``labels.parquet``."""
         assert isinstance(self._rows, FolderRows)
-        return replace(self, _rows=replace(self._rows, rows=rows), _positions=range(len(rows)))
+        return replace(self, _rows=replace(self._rows, table=table), _positions=range(table.num_rows))
 
     @property
     def calibration(self) -> Calibration:
@@ -406,19 +425,19 @@ def read(path: str | Path) -> Dataset:
         If there is no dataset, or it is unfinished, empty, or lacks a picture.
     """
     path = Path(path)
-    rows, _, labels_sha256 = frame_files.read_rows(path, Row)
-    known = named(read_manifest(Store(str(path))), path)
-    frame_files.check_files(path, rows)
-    data = known.data(labels_sha256, len(rows))
-    return in_folder(path, rows, data, known.scenario.labels.least_visible_fraction, Masks(path))
+    table, labels_sha256 = frame_files.read_labels(path)
+    rows = frame_files.converted(table, Row, path)
+    named_files = [FrameFile(row.frame, row.file, row.clip, row.time_s, row.image_sha256) for row in rows]
+    store = Store(str(path))
+    known = named(read_manifest(store), path)
+    frame_files.check_files(path, named_files)
+    return of_rows(store, known, labels_sha256, FolderRows(table, FolderFiles(path, Masks(path).coded)))
 
 
-def in_folder(
-    path: Path, rows: tuple[Row, ...], data: DatasetIdentity, least_visible_fraction: float, masks: Masks
-) -> Dataset:
-    """Make a dataset from rows whose pictures are in a folder."""
-    found = FolderRows(rows, _Folder(path, masks))
-    return Dataset(Store(str(path)), data, least_visible_fraction, found, range(len(rows)))
+def of_rows(store: Store, known: Manifest, labels_sha256: str, rows: RowStore) -> Dataset:
+    """Make the dataset that a manifest describes."""
+    data, least = known.data(labels_sha256, len(rows)), known.scenario.labels.least_visible_fraction
+    return Dataset(store, data, least, rows, range(len(rows)))
 
 
 def named(manifest: Any, where: object) -> Manifest:
@@ -447,7 +466,7 @@ def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:
         raise DatasetError("no dataset given")
     datasets = tuple(read(path) for path in paths)
     for split in splits:
-        if not any(row.split == split for dataset in datasets for row in dataset.rows):
+        if not any(split in dataset.splits for dataset in datasets):
             given = ", ".join(str(dataset.path) for dataset in datasets)
             raise DatasetError(f"{given}: no frames in the split {split!r}; render more frames")
     return datasets

@@ -172,7 +172,7 @@ def _source(dataset: Dataset, shard_frames: int | None, format: str, *, part: bo
 def _check_part(dataset: Dataset) -> None:
     if "shards" in dataset.manifest:
         raise DatasetError("a part of a dataset of shards cannot be exported: export the whole as simgrab first")
-    numbers = [row.frame for row in dataset.rows]
+    numbers = [frame.truth.frame for frame in dataset]
     if not numbers or numbers != sorted(set(numbers)):
         raise DatasetError("a part must contain frames, in the order of the dataset")
 

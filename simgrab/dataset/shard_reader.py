@@ -23,7 +23,7 @@ import msgspec
 import pyarrow as pa
 
 from simgrab.dataset import datasets
-from simgrab.dataset.datasets import MANIFEST, Dataset, DatasetFiles, FolderRows, Manifest, RowStore
+from simgrab.dataset.datasets import MANIFEST, Dataset, DatasetFiles, Manifest, ShardCounts
 from simgrab.errors import DatasetError, first_line
 from simgrab.io import parquet, pictures
 from simgrab.io.parse import is_dir
@@ -227,8 +227,10 @@ class ShardRows:
                 return self._ends[shard] - self._counts[shard] + rank
         raise KeyError(number)
 
-    def split(self, name: str) -> RowStore:  # noqa: D102
-        return replace(self, name=name) if self.name in (None, name) else FolderRows((), _Archives(self.store, {}))
+    def split(self, name: str) -> ShardRows:  # noqa: D102
+        if self.name in (None, name):
+            return replace(self, name=name)
+        return replace(self, manifest=msgspec.structs.replace(self.manifest, shards=ShardCounts(1, ())))
 
     def _at(self, position: int) -> tuple[int, int]:
         """Shard of a position, and the position among the split's frames in it."""
@@ -262,8 +264,7 @@ def of_shards(store: Store, known: Manifest) -> Dataset:
     rows = ShardRows(store, known)
     names = sorted(name for name in known.files if name.startswith("labels/"))
     digest = hashlib.sha256("".join(known.files[name] for name in names).encode()).hexdigest()
-    least, total = known.scenario.labels.least_visible_fraction, range(len(rows))
-    return Dataset(store, known.data(digest, len(rows)), least, rows, total)
+    return datasets.of_rows(store, known, digest, rows)
 
 
 def read(store: Store) -> Dataset:

@@ -55,6 +55,12 @@ def labels_schema() -> pa.Schema:
     )
 
 
+def table_of(rows: Iterable[Row | None]) -> pa.Table:
+    """Make the table of rows of labels; null where a row is None."""
+    plain = [{} if row is None else msgspec.structs.asdict(row) for row in rows]
+    return pa.Table.from_pylist(plain, schema=labels_schema())
+
+
 def with_identity(schema: pa.Schema, identity: dict[str, Any]) -> pa.Schema:
     """Keep a dataset's identity in its schema, under the key ``simgrab``."""
     return schema.with_metadata({**(schema.metadata or {}), "simgrab": json.dumps(identity, sort_keys=True)})

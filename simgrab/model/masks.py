@@ -84,7 +84,7 @@ class Masks:
         DatasetError
             If the file cannot be read.
         """
-        file = self.file(row.split)
+        file = coco_file(self._path, row.split)
         if row.split not in self._spans:
             self._spans[row.split] = _spans(file)
         if row.frame not in self._spans[row.split]:
@@ -95,9 +95,10 @@ class Masks:
             data = handle.read(end - start)
         return _parsed(data, Coded, file)
 
-    def file(self, split: str) -> Path:
-        """Path of a split's COCO file."""
-        return self._path / "annotations" / f"instances_{split}.json"
+
+def coco_file(path: Path, split: str) -> Path:
+    """Path of the COCO file of one split of the dataset in a folder."""
+    return path / "annotations" / f"instances_{split}.json"
 
 
 def _spans(file: Path) -> _Spans:

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from simgrab.cli import cli
 from simgrab.dataset import datasets
+from simgrab.dataset.tables import table_of
 from simgrab.errors import DatasetError, DetectorError, SourceError
 from simgrab.instrument.detect import pictures as detections
 from simgrab.judge.evaluate import detection
@@ -104,14 +105,14 @@ def test_boxes_off_by_a_little_cost_precision(known):
 
 def test_false_boxes_on_empty_frames_count_and_slivers_do_not(known):
     rows = list(known.rows)
-    empty = known.with_rows(tuple([gone(row) for row in rows[:3]] + rows[3:]))
+    empty = known.with_rows(table_of([gone(row) for row in rows[:3]] + rows[3:]))
     said = [perfect(rows[0]), NONE, NONE, *map(perfect, rows[3:])]
     f = detection.figures(detection.cases(empty, said))
     assert (f["labelled"], f["empty"], f["false_boxes"]) == (3, 3, 1)
     assert f["recall"] == 1
     assert f["map50_95"] < 1  # a false box as sure as the true ones
     sliver = msgspec.structs.replace(rows[0], visible_fraction=0.05)
-    f = detection.figures(cases(known.with_rows((sliver, *rows[1:])), perfect))
+    f = detection.figures(cases(known.with_rows(table_of([sliver, *rows[1:]])), perfect))
     assert (f["labelled"], f["empty"], f["false_boxes"], f["map50_95"]) == (5, 0, 0, pytest.approx(1))
 
 

@@ -12,6 +12,7 @@ pytest.importorskip("onnx")
 from scipy.special import expit, logit  # noqa: E402
 
 from simgrab.dataset import datasets  # noqa: E402
+from simgrab.dataset.tables import table_of  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect.grab import Calibration, Settings  # noqa: E402
 from simgrab.instrument.detect.patches import POSE_SIZE, Patch, cut  # noqa: E402
@@ -381,7 +382,7 @@ def test_frames_leave_slivers_out(dataset):
     row = known.rows[0]
     sliver = msgspec.structs.replace(row, visible_fraction=0.05)
     empty = msgspec.structs.replace(row, box_x0_px=None, visible_fraction=0.0)
-    some = known.with_rows((row, sliver, empty))
+    some = known.with_rows(table_of([row, sliver, empty]))
     assert [frame.labelled for frame in cache.frames([some], row.split)] == [True, False]
 
 

@@ -14,6 +14,7 @@ from click.testing import CliRunner  # noqa: E402
 from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.dataset.render import render  # noqa: E402
+from simgrab.dataset.tables import table_of  # noqa: E402
 from simgrab.errors import DatasetError, TrainingError  # noqa: E402
 from simgrab.instrument.read import Reader  # noqa: E402
 from simgrab.instrument.read.crops import around, crops, cut  # noqa: E402
@@ -186,7 +187,7 @@ def test_torn_frames_are_left_out(dataset):
     def tear(row: Row):
         return msgspec.structs.replace(row, torn_row_px=30) if row.frame < 10 else row
 
-    torn = found.with_rows(tuple(map(tear, found.rows)))
+    torn = found.with_rows(table_of(map(tear, found.rows)))
     kept = sum(row.split == "train" and row.frame >= 10 for row in found.rows)
     assert len(cells.gather([torn], "train", 0).weather) == kept
 

@@ -1,13 +1,14 @@
 """The picture files of a finished dataset and their times: the part that may be read without the truth.
 
-Only this module opens a dataset's ``labels.parquet``; other modules read whole rows by passing the type of a row.
+Only this module opens a dataset's ``labels.parquet``; other modules read its table, or rows of a type that they pass.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Protocol, TypeVar
@@ -22,6 +23,7 @@ from simgrab.io import parquet, pictures
 from simgrab.io.parse import cannot, is_dir, is_file, opened, read_bytes
 
 LABELS = "labels.parquet"
+_CONVERTED_TOGETHER = 1024  # rows of which plain data are made at once
 _Index = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
@@ -100,22 +102,52 @@ def read_rows(path: Path, kind: type[T]) -> tuple[tuple[T, ...], pa.Schema, str]
     digest : str
         SHA-256 of the file.
     """
+    strict = kind.__struct_config__.forbid_unknown_fields
+    table, digest = read_labels(path, None if strict else kind.__struct_fields__)
+    return tuple(converted(table, kind, path)), table.schema, digest
+
+
+def read_labels(path: Path, columns: Sequence[str] | None = None) -> tuple[pa.Table, str]:
+    """Read ``labels.parquet``, or some of its columns, with the SHA-256 of the file.
+
+    Raises
+    ------
+    DatasetError
+        If the folder is not a finished dataset, or the file cannot be read.
+    """
     file = path / LABELS
     if not is_file(file, DatasetError):
         state = "unfinished; continue with simgrab render --resume" if (path / ".partial").exists() else "not a dataset"
         if is_dir(path / "shards", DatasetError):
             state = "a dataset of shards, of which simgrab export --format simgrab makes a folder"
         raise DatasetError(f"{path} is {state}: it has no {LABELS}")
-    strict = kind.__struct_config__.forbid_unknown_fields
     with opened(file, DatasetError, most_bytes=parquet.MOST_BYTES) as handle:
-        table = parquet.parse_table(handle, DatasetError, cannot(file), None if strict else kind.__struct_fields__)
+        table = parquet.parse_table(handle, DatasetError, cannot(file), columns)
         handle.seek(0)
-        digest = hashlib.file_digest(handle, "sha256").hexdigest()
-    plain = parquet.rows(table, DatasetError, cannot(file))
-    try:
-        return msgspec.convert(plain, tuple[kind, ...]), table.schema, digest  # type: ignore[valid-type]
-    except (ValueError, LookupError, TypeError) as problem:
-        raise DatasetError(f"{path}: not a simgrab dataset ({type(problem).__name__}: {first_line(problem)})") from None
+        return table, hashlib.file_digest(handle, "sha256").hexdigest()
+
+
+def converted(table: pa.Table, kind: type[T], path: Path) -> Iterator[T]:
+    """Make rows of a type from the labels of a dataset in a folder, few at a time.
+
+    Raises
+    ------
+    DatasetError
+        If a row holds values that the type refuses.
+    """
+    for start in range(0, table.num_rows, _CONVERTED_TOGETHER):
+        plain = parquet.rows(table.slice(start, _CONVERTED_TOGETHER), DatasetError, cannot(path / LABELS))
+        try:
+            rows = msgspec.convert(plain, list[kind])  # type: ignore[valid-type]
+        except (ValueError, LookupError, TypeError) as problem:
+            why = f"{type(problem).__name__}: {_renumbered(first_line(problem), start)}"
+            raise DatasetError(f"{path}: not a simgrab dataset ({why})") from None
+        yield from rows
+
+
+def _renumbered(text: str, start: int) -> str:
+    """Name the row of an error line by its index among all rows: the line is about those from ``start`` on."""
+    return re.sub(r"(?<=\$\[)\d+", lambda at: str(start + int(at[0])), text, count=1)
 
 
 def check_files(path: Path, rows: Sequence[PictureRow]) -> None:

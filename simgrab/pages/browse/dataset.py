@@ -1,9 +1,7 @@
-"""A dataset in a folder: its rows as a table, and its pictures and masks one by one. An unfinished one too."""
+"""A dataset in a folder, whose labels are not checked as `simgrab.open` does. An unfinished one too."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,61 +10,23 @@ import numpy as np
 import pyarrow as pa
 
 from simgrab.dataset import datasets
-from simgrab.dataset.datasets import MANIFEST, Dataset
-from simgrab.dataset.tables import labels_schema
+from simgrab.dataset.datasets import MANIFEST, Dataset, FolderFiles, FolderRows
+from simgrab.dataset.tables import labels_schema, table_of
 from simgrab.errors import DatasetError, first_line
-from simgrab.io import files, parquet
 from simgrab.io.parse import is_dir, is_file, read_bytes, read_json
+from simgrab.io.stores import Store
 from simgrab.model.masks import Coded, Masks
 from simgrab.model.records import frame_files
 from simgrab.model.records.frame_files import LABELS
 from simgrab.model.truth import Row
 from simgrab.pages.browse import columns
-from simgrab.pages.browse.subject import Order, Subject, converted
+from simgrab.pages.browse.subject import Order, Subject
 
 PARTIAL = ".partial"
 VARIED = "varied."
 SHOWN = ("alpha_deg", "rope_length_m", "visible_fraction", "distance_m", "split", "labelled")
 _FACTORS = ("weather", "place", "grab")
 _MOST_RECORD_BYTES = 2**24
-
-
-@dataclass(frozen=True, eq=False)
-class LabelTable:
-    """The labels of a dataset, and what they are labels of.
-
-    Attributes
-    ----------
-    path : Path
-    table : pyarrow.Table
-        The columns of ``labels.parquet``.
-    """
-
-    path: Path
-    table: pa.Table
-
-    def content(self, row: int) -> bytes:
-        """Read a row's picture, which must have the digest that the labels state."""
-        known = self.known(row)
-        frame_files.check_files(self.path, (known,))
-        return frame_files.content(self.path / known.file, known)
-
-    def row(self, row: int) -> Row | None:
-        """Give a row of labels; None where it holds values that no labels have."""
-        return converted(self.table, row)
-
-    def known(self, row: int) -> Row:
-        """Give a row of labels.
-
-        Raises
-        ------
-        DatasetError
-            If it holds values that no labels have.
-        """
-        found = self.row(row)
-        if found is None:
-            raise DatasetError(f"{self.path}: row {row} of the labels holds values that no labels have")
-        return found
 
 
 def open(path: Path) -> Subject:
@@ -78,7 +38,8 @@ def open(path: Path) -> Subject:
         If it is none, or its labels cannot be read.
     """
     if is_file(path / MANIFEST, DatasetError) and is_file(path / LABELS, DatasetError):
-        return _finished(path)
+        labels, whole, notes = read(path)
+        return _subject(labels, whole.least_visible_fraction, notes, whole)
     if is_dir(path / PARTIAL, DatasetError):
         return _unfinished(path)
     if is_dir(path / "shards", DatasetError):
@@ -88,14 +49,14 @@ def open(path: Path) -> Subject:
     raise DatasetError(f"{path}: neither a dataset nor a run: it has neither {LABELS} nor angles.parquet")
 
 
-def read_labels(path: Path) -> tuple[pa.Table, Dataset, tuple[str, ...]]:
-    """Read the labels of a finished dataset.
+def read(path: Path) -> tuple[FolderRows, Dataset, tuple[str, ...]]:
+    """Read a finished dataset, without checking values of its labels and files of its pictures.
 
     Returns
     -------
-    table : pyarrow.Table
+    labels : FolderRows
     dataset : Dataset
-        Without its rows.
+        Of these labels.
     notes : tuple of str
         That the labels are not those that the manifest was written for.
 
@@ -104,18 +65,11 @@ def read_labels(path: Path) -> tuple[pa.Table, Dataset, tuple[str, ...]]:
     DatasetError
     """
     known = datasets.named(read_json(path / MANIFEST, DatasetError), path)
-    table = _cast(parquet.read_table(path / LABELS, DatasetError), path)
-    data = known.data(files.sha256(path / LABELS), table.num_rows)
-    least = known.scenario.labels.least_visible_fraction
-    changed = known.files.get(LABELS, data.labels_sha256) != data.labels_sha256
+    table, digest = frame_files.read_labels(path)
+    labels = FolderRows(_cast(table, path), FolderFiles(path, Masks(path).coded))
+    changed = known.files.get(LABELS, digest) != digest
     notes = (f"{LABELS} does not match the digest in the manifest: it was changed or damaged",) if changed else ()
-    return table, datasets.in_folder(path, (), data, least, Masks(path)), notes
-
-
-def _finished(path: Path) -> Subject:
-    table, whole, notes = read_labels(path)
-    labels, masks = LabelTable(path, table), Masks(path)
-    return _subject(labels, lambda row: masks.coded(labels.known(row)), whole.least_visible_fraction, notes, whole)
+    return labels, datasets.of_rows(Store(str(path)), known, digest, labels), notes
 
 
 class _Record(msgspec.Struct, frozen=True):
@@ -133,7 +87,7 @@ def _unfinished(path: Path) -> Subject:
         least = float(identity["scenario"]["labels"]["least_visible_fraction"])
     except (LookupError, TypeError, ValueError) as problem:
         raise DatasetError(f"{path}: not an unfinished simgrab dataset ({first_line(problem)})") from None
-    rows, masks, damaged = list[Row](), list[Coded](), 0
+    rows, masks, damaged = list[Row](), dict[int, Coded](), 0
     for record in sorted((path / PARTIAL / "rows").glob("*.json")):
         try:
             one = msgspec.json.decode(read_bytes(record, DatasetError, most_bytes=_MOST_RECORD_BYTES), type=_Record)
@@ -141,13 +95,13 @@ def _unfinished(path: Path) -> Subject:
             damaged += 1
         else:
             rows.append(one.truth)
-            masks.append(one.mask)
+            masks[one.truth.frame] = one.mask
     if not rows:
         raise DatasetError(f"{path} is unfinished, and no frame of it is there; continue with simgrab render --resume")
-    table = pa.Table.from_pylist([msgspec.structs.asdict(row) for row in rows], schema=labels_schema())
+    labels = FolderRows(table_of(rows), FolderFiles(path, lambda row: masks[row.frame]))
     notes = [f"unfinished: {len(rows)} of {total} frames of {name} are there; simgrab render --resume goes on"]
     notes += [f"{damaged} records are damaged and not shown"] if damaged else []
-    return _subject(LabelTable(path, table), masks.__getitem__, least, tuple(notes), None)
+    return _subject(labels, least, tuple(notes))
 
 
 def _cast(table: pa.Table, path: Path) -> pa.Table:
@@ -169,14 +123,9 @@ def _cast(table: pa.Table, path: Path) -> pa.Table:
     return made
 
 
-def _subject(
-    labels: LabelTable, mask: Callable[[int], Coded | None], least: float, notes: tuple[str, ...], whole: Dataset | None
-) -> Subject:
-    table = with_derived(labels.table, least)
-    return Subject(
-        str(labels.path), "dataset", notes, table, labels.content, labels.row, mask, Order("frame"),
-        (*SHOWN, *factors(table)), labels.table, whole,
-    )  # fmt: skip
+def _subject(labels: FolderRows, least: float, notes: tuple[str, ...], whole: Dataset | None = None) -> Subject:
+    table, name = with_derived(labels.table, least), str(labels.files.folder)
+    return Subject(name, "dataset", notes, table, Order("frame"), (*SHOWN, *factors(table)), labels, whole)
 
 
 def with_derived(table: pa.Table, least: float) -> pa.Table:

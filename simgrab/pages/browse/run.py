@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from simgrab.dataset.datasets import Dataset
-from simgrab.dataset.tables import labels_schema
+from simgrab.dataset.datasets import Dataset, FolderFiles, FolderRows
+from simgrab.dataset.tables import table_of
 from simgrab.errors import DatasetError, PictureError, RunError, first_line
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Run
@@ -21,12 +20,9 @@ from simgrab.instrument.video import Video
 from simgrab.io import files, parquet, pictures
 from simgrab.io.parse import is_dir, is_file, read_bytes
 from simgrab.judge.evaluate import truths
-from simgrab.model.masks import Coded, Masks
 from simgrab.model.records import frame_files
-from simgrab.model.truth import Row
 from simgrab.pages.browse import columns, dataset
-from simgrab.pages.browse.dataset import LabelTable
-from simgrab.pages.browse.subject import Order, Subject, converted
+from simgrab.pages.browse.subject import Order, Subject
 from simgrab.pages.browse.videos import VideoPictures
 
 ANNOTATED = "annotated.mp4"
@@ -41,45 +37,6 @@ SHOWN = (
     "abs_error_deg", "alpha_deg", "centre_error_px", "status", "score", "rope_error_m", "true_visible_fraction",
 )  # fmt: skip
 _UNTIMED_HZ = 9.0  # of an annotated video of independent frames
-
-
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """What is known of a run's rows: rows of labels, in the run's order.
-
-    Attributes
-    ----------
-    labels : LabelTable or None
-        Of a dataset, which has pictures and masks too.
-    at : ndarray of int64, shape (n,)
-        Row in the labels; -1 where nothing is known.
-    table : pyarrow.Table
-        Labels, of n rows; null where nothing is known.
-    masks : Masks or None
-    least : float
-        From which visible fraction on detection labels hold a box.
-    dataset : Dataset or None
-        Without its rows.
-    """
-
-    labels: LabelTable | None
-    at: NDArray[np.int64]
-    table: pa.Table
-    masks: Masks | None
-    least: float
-    dataset: Dataset | None = None
-
-    def content(self, row: int) -> bytes:
-        if self.labels is None or self.at[row] < 0:
-            raise DatasetError(f"row {row}: the source has no picture of it")
-        return self.labels.content(int(self.at[row]))
-
-    def row(self, row: int) -> Row | None:
-        return None if self.at[row] < 0 else converted(self.table, row)
-
-    def mask(self, row: int) -> Coded | None:
-        known = self.row(row)
-        return None if self.masks is None or known is None else self.masks.coded(known)
 
 
 def open(path: Path, source: Path | None) -> Subject:
@@ -106,17 +63,16 @@ def open(path: Path, source: Path | None) -> Subject:
         run = replace(run, measurements=())  # which take much memory, and are not needed
     table = _table(run, path)
     known = None if source is None else _known(run, source)
-    if known is None:
+    labels, least, whole = known or (None, 0.0, None)
+    if labels is None:
         notes.append("without the truth: give --source with the dataset or video that was measured to see errors")
     else:
-        table = _with_truth(table, known)
-    order = Order("frame") if known is None else Order("abs_error_deg", descending=True)
+        table = _with_truth(table, labels.table, least)
+    order = Order("frame") if labels is None else Order("abs_error_deg", descending=True)
     size = run.calibration.width_px, run.calibration.height_px
     return Subject(
-        str(path), "run", tuple(notes), table, _contents(run, path, source, known),
-        known.row if known else _nothing, known.mask if known else _nothing, order,
-        (*SHOWN, *dataset.factors(table, PREFIX)),
-        None if known is None else known.table, None if known is None else known.dataset, size,
+        str(path), "run", tuple(notes), table, order, (*SHOWN, *dataset.factors(table, PREFIX)), labels, whole,
+        None if whole is not None else _pictures(run, path, source), size,
     )  # fmt: skip
 
 
@@ -142,60 +98,53 @@ def _named_dataset(run: Run) -> Path | None:
         return None
 
 
-def _known(run: Run, source: Path) -> _Known | None:
-    """Find what is known of a run's frames; None where the source has no truth, as a folder of pictures."""
+def _known(run: Run, source: Path) -> tuple[FolderRows, float, Dataset | None] | None:
+    """Find the labels of a run's frames, with the least visible fraction at which boxes are labelled, and the dataset.
+
+    None where the source has no truth, as a folder of pictures.
+    """
     if is_dir(source, DatasetError):
         return _of_dataset(run, source) if frame_files.is_dataset(source) else None
     if not is_file(source.with_suffix(".parquet"), DatasetError):
         return None
     found = truths.of(run, source)
-    rows = [None if row is None else msgspec.structs.asdict(row) for row in found.rows]
-    table = pa.Table.from_pylist([row or {} for row in rows], schema=labels_schema())
-    at = np.array([-1 if row is None else i for i, row in enumerate(rows)], np.int64)
-    return _Known(None, at, table, None, found.least_visible_fraction)
+    return FolderRows(table_of(found.rows), FolderFiles(source, lambda _: None)), found.least_visible_fraction, None
 
 
-def _of_dataset(run: Run, source: Path) -> _Known:
-    labels, whole, _ = dataset.read_labels(source)
-    found = truths.match_names(run, labels["file"].to_pylist(), whole.data.labels_sha256, source)
+def _of_dataset(run: Run, source: Path) -> tuple[FolderRows, float, Dataset]:
+    labels, whole, _ = dataset.read(source)
+    found = truths.match_names(run, labels.table["file"].to_pylist(), whole.data.labels_sha256, source)
     if None in found:
         raise RunError(f"{source}: contains none of the frames of the run on {run.source}")
-    at = np.array(found, np.int64)
-    same = np.array_equal(at, np.arange(labels.num_rows))
-    own, least = labels if same else labels.take(pa.array(at)), whole.least_visible_fraction
-    return _Known(LabelTable(source, labels), at, own, Masks(source), least, whole)
+    if found != list(range(len(labels))):
+        labels = replace(labels, table=labels.table.take(pa.array(found)))
+    return labels, whole.least_visible_fraction, whole
 
 
-def _with_truth(table: pa.Table, known: _Known) -> pa.Table:
+def _with_truth(table: pa.Table, labels: pa.Table, least: float) -> pa.Table:
     """Add errors, and the labels with `PREFIX` before their names."""
 
     def true(name: str) -> NDArray[np.float64]:
-        return columns.numbers(known.table[name])
+        return columns.numbers(labels[name])
 
     def measured(name: str) -> NDArray[np.float64]:
         return columns.numbers(table[name])
 
-    present = known.table["present"].fill_null(False).to_numpy().astype(bool)
+    present = labels["present"].fill_null(False).to_numpy().astype(bool)
     error = measured("alpha_deg") - np.where(present, true("alpha_deg"), np.nan)
     off = np.hypot(measured("u_px") - true("grab_u_px"), measured("v_px") - true("grab_v_px"))
     values = (np.abs(error), error, off, measured("rope_length_m") - true("rope_length_m"))
     for (name, (unit, text)), each in zip(ERRORS.items(), values, strict=True):
         field = pa.field(name, pa.float64(), metadata={"unit": unit, "description": text})
         table = table.append_column(field, pa.array(each, from_pandas=True))
-    labels = dataset.with_derived(known.table, known.least)
-    for field, each in zip(labels.schema, labels.columns, strict=True):
+    derived = dataset.with_derived(labels, least)
+    for field, each in zip(derived.schema, derived.columns, strict=True):
         table = table.append_column(field.with_name(f"{PREFIX}{field.name}"), each)
     return table
 
 
-def _nothing(row: int) -> None:
-    """Give what is known of a row where there is no truth."""
-
-
-def _contents(run: Run, path: Path, source: Path | None, known: _Known | None) -> Callable[[int], bytes]:
-    """Find where a run's pictures are: in its source, or else in its annotated video."""
-    if known is not None and known.labels is not None:
-        return known.content
+def _pictures(run: Run, path: Path, source: Path | None) -> Callable[[int], bytes]:
+    """Find where a run's pictures are: in its source, which is no dataset, or else in its annotated video."""
     if source is not None:
         opened = open_source(source)
         if isinstance(opened, Video) and run.time is not None:

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import msgspec
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from simgrab.dataset.datasets import Dataset
+from simgrab.dataset.datasets import Dataset, FolderRows
 from simgrab.dataset.overlay import marks
-from simgrab.errors import DatasetError, SimgrabError, first_line
+from simgrab.errors import DatasetError
 from simgrab.model.masks import Coded
+from simgrab.model.records import frame_files
 from simgrab.model.truth import Row
 from simgrab.pages.browse import columns
 from simgrab.pages.browse.columns import Column
@@ -43,18 +43,16 @@ class Subject:
         What the user is to know: that it is unfinished, what is missing.
     table : pyarrow.Table
         A row for each frame.
-    content : callable
-        Reads a row's picture, by the row's number: a JPEG or PNG file, or another that OpenCV reads. What cannot be
-        read raises a `SimgrabError`.
-    row, mask : callable
-        Give a row's labels and its mask; None where there are none.
     order : Order
     shown : tuple of str
         Columns whose histograms are shown first, as far as there are such.
-    labels : pyarrow.Table or None
-        Labels of each row, in the columns of ``labels.parquet``; None where nothing is known.
+    labels : FolderRows or None
+        Labels of each row, which may hold values that no labels have; null where nothing is known of it. None where
+        nothing is known of any.
     dataset : Dataset or None
-        Without rows: what a selection is exported from. None where nothing can be.
+        What a selection is exported from. None where nothing can be.
+    pictures : callable or None
+        Reads a row's picture, by the row's number. None where pictures are those of the labels.
     size_px : tuple of 2 int, or None
         Width and height of pictures whose row has no labels.
     """
@@ -63,13 +61,11 @@ class Subject:
     kind: str
     notes: tuple[str, ...]
     table: pa.Table
-    content: Callable[[int], bytes]
-    row: Callable[[int], Row | None]
-    mask: Callable[[int], Coded | None]
     order: Order
     shown: tuple[str, ...]
-    labels: pa.Table | None = None
+    labels: FolderRows | None = None
     dataset: Dataset | None = None
+    pictures: Callable[[int], bytes] | None = None
     size_px: tuple[int, int] | None = None
 
     def __len__(self) -> int:
@@ -89,6 +85,34 @@ class Subject:
         """Everything that the table holds of a row, by column."""
         plain: dict[str, Any] = self.table.slice(row, 1).to_pylist()[0]
         return plain
+
+    def row(self, row: int) -> Row | None:
+        """Give a row's labels; None where there are none, or values that no labels have."""
+        try:
+            return None if self.labels is None else next(self.labels.at(range(row, row + 1)))[0]
+        except DatasetError:
+            return None
+
+    def mask(self, row: int) -> Coded | None:
+        """Look up a row's mask; None where there is none. Raises `DatasetError` where its file cannot be read."""
+        known = self.row(row)
+        return None if self.labels is None or known is None else self.labels.files.mask(known)
+
+    def content(self, row: int) -> bytes:
+        """Read a row's picture: a JPEG or PNG file, or another that OpenCV reads.
+
+        Raises
+        ------
+        SimgrabError
+            If it cannot be read, or does not have the digest that its labels state.
+        """
+        if self.pictures is not None:
+            return self.pictures(row)
+        known = self.row(row)
+        if self.labels is None or known is None:
+            raise DatasetError(f"{self.name}: row {row} of the labels holds values that no labels have")
+        frame_files.check_files(self.labels.files.folder, (known,))
+        return self.labels.files.content(known)
 
 
 _MEASURED = {"box": ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), "centre": ("u_px", "v_px")}
@@ -131,22 +155,4 @@ def part(subject: Subject, rows: NDArray[np.int64]) -> Dataset:
     """
     if subject.dataset is None or subject.labels is None:
         raise DatasetError(f"{subject.name}: only frames of a finished dataset can be exported")
-    taken = subject.labels.take(pa.array(rows)).sort_by("frame")
-    found = list[Row]()
-    try:
-        for batch in taken.to_batches(max_chunksize=_CONVERTED_TOGETHER):
-            found += msgspec.convert(batch.to_pylist(), list[Row])
-    except (ValueError, LookupError, TypeError) as problem:
-        raise DatasetError(f"{subject.name}: not labels of simgrab ({first_line(problem)})") from None
-    return subject.dataset.with_rows(tuple(found))
-
-
-_CONVERTED_TOGETHER = 1024  # rows of which Python objects are made at once
-
-
-def converted(table: pa.Table, row: int) -> Row | None:
-    """Read a row of labels; None where it holds none, or values that no labels have."""
-    try:
-        return msgspec.convert(table.slice(row, 1).to_pylist()[0], Row)
-    except (ValueError, LookupError, TypeError, SimgrabError):
-        return None
+    return subject.dataset.with_rows(subject.labels.table.take(pa.array(rows)).sort_by("frame"))
