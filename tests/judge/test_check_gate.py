@@ -883,7 +883,7 @@ def test_a_cause_that_most_failed_scenes_have_in_common_is_stated_once(capsys):
         return outcome
 
     late = "Rope lengths are {:.2f} s late. Otherwise their error would be {} cm."
-    texts = {"a": late.format(1.5, 2), "b": late.format(0.75, 3), "c": late.format(1.5, 3), "d": "No mistake was found."}
+    texts = {"a": late.format(1.5, 2), "b": late.format(0.75, 3), "c": late.format(1.5, 3), "d": "No mistake found."}
     scenes = {name: scene(name, text) for name, text in texts.items()} | {"e": scene("e", "", "passed")}
     whole = report.Report("s", "i", 0, scenes=scenes)
     common = "In 3 of 4 scenes that failed (a, b, c): Rope lengths are 0.75 to 1.50 s late."

@@ -131,7 +131,8 @@ class Report:
             if len(scenes) > max(1, len(failed) / 2) and text.startswith(_MISTAKES):
                 ranges = [sorted(set(values), key=float) for values in zip(*scenes.values(), strict=True)]
                 values = [" to ".join(dict.fromkeys((one[0], one[-1]))) for one in ranges]
-                yield f"In {len(scenes)} of {len(failed)} scenes that failed ({', '.join(scenes)}): {text.format(*values)}."
+                which = f"{len(scenes)} of {len(failed)} scenes that failed ({', '.join(scenes)})"
+                yield f"In {which}: {text.format(*values)}."
 
     @property
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
