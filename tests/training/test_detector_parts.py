@@ -15,7 +15,7 @@ from simgrab.dataset import datasets  # noqa: E402
 from simgrab.dataset.tables import table_of  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect.grab import Calibration, Settings  # noqa: E402
-from simgrab.instrument.detect.patches import POSE_SIZE, Patch, cut  # noqa: E402
+from simgrab.instrument.detect.patches import GREY, POSE_SIZE, Patch, cut  # noqa: E402
 from simgrab.model import label_arrays as labels  # noqa: E402
 from simgrab.model.records.observations import Detection  # noqa: E402
 from simgrab.model.rng import stream  # noqa: E402
@@ -128,14 +128,15 @@ def frame_of(row, box, path, width=640, height=360):
     return cache.TrainingFrame(row, path, True, "")
 
 
-def test_examples_of_the_pose_net_show_what_they_say(dataset, tmp_path):
+def test_examples_of_the_pose_net_show_what_they_say(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr(pose, "_CUT_SHARE", 0)
     row = datasets.read(dataset).rows[0]
     boxes = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
     frames = [frame_of(row, box, tmp_path / f"{i}.png") for i, box in enumerate(boxes)]
     crops = pose.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
     sides, parts = list[float](), 0
     for i, box in enumerate(boxes):
-        for trial in range(40):
+        for trial in range(80):
             example = pose._example(crops, i, False, stream(0, trial, "example"), lambda picture, _: picture)
             inside = example["crops"][..., 3] == 255
             light = np.where(inside, example["crops"][..., 0], 0) > 127
@@ -166,6 +167,7 @@ def test_examples_of_the_pose_net_show_what_they_say(dataset, tmp_path):
 @pytest.mark.parametrize("mirror", [False, True])
 @pytest.mark.parametrize("quarters", range(4))
 def test_places_turn_with_the_crop(dataset, tmp_path, monkeypatch, mirror, quarters):
+    monkeypatch.setattr(pose, "_CUT_SHARE", 0)
     monkeypatch.setattr(pose, "turn", lambda *_, **__: Orientation(mirror, quarters))
     frame = frame_of(datasets.read(dataset).rows[0], (200, 100, 300, 160), tmp_path / "0.png")
     crops = pose.crops(tmp_path / "crops", [frame], [[]], seed=0)
@@ -180,6 +182,43 @@ def test_places_turn_with_the_crop(dataset, tmp_path, monkeypatch, mirror, quart
         light = np.where(example["crops"][..., 3] == 255, example["crops"][..., 0], 0) > 200
         seen = (example["crops"][light][:, 4:].astype(float).mean(axis=0) - 128) / 127
         np.testing.assert_allclose(seen, [x, y], atol=0.003)
+
+
+def test_the_edge_that_a_crop_is_given_cuts_picture_box_and_places(dataset, tmp_path, monkeypatch):
+    """The crop is one of a picture of the same size that was taken elsewhere."""
+    monkeypatch.setattr(pose, "_CUT_SHARE", 1)
+    monkeypatch.setattr(pose, "turn", lambda *_, **__: Orientation(False, 0))
+    box = (200, 100, 300, 160)
+    crops = pose.crops(
+        tmp_path / "crops", [frame_of(datasets.read(dataset).rows[0], box, tmp_path / "0.png")], [[]], seed=0
+    )
+    drawn = set()
+    for trial in range(60):
+        example = pose._example(crops, 0, False, stream(0, trial, "example"), lambda picture, _: picture)
+        colours, inside = example["crops"][..., 0], example["crops"][..., 3]
+        assert (colours[inside == 0] == GREY).all()
+        x0, y0, x1, y1, u, v = example["places"] * POSE_SIZE
+        rows, columns = np.nonzero(inside == 255)
+        ends = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+        at_edge = np.abs(ends - [x0, y0, x1, y1]) < 1.01
+        if (inside == 255).all():
+            continue  # the crop ends before the picture does
+        assert at_edge.any()
+        side = int(np.flatnonzero(at_edge)[0])
+        drawn.add(side)
+        # The centre is no longer in the middle of the box.
+        assert abs(((x0 + x1) / 2 - u, (y0 + y1) / 2 - v)[side % 2]) > 0.02 * (x1 - x0, y1 - y0)[side % 2]
+        lit = (colours > 200) & (inside == 255)
+        ys, xs = np.nonzero(lit)
+        np.testing.assert_allclose(
+            [xs.min(), ys.min(), xs.max() + 1, ys.max() + 1], np.clip([x0, y0, x1, y1], 0, POSE_SIZE), atol=1.6
+        )
+        # The picture's edge lies half of its width, or height, from its middle.
+        along = example["crops"][rows, columns, 4 + side % 2]
+        half = 0.5 if side % 2 == 0 else 0.5 * 360 / 640
+        last = float(along.min() if side < 2 else along.max())
+        assert (last - 128) / 127 == pytest.approx(-half if side < 2 else half, abs=0.02)
+    assert drawn == {0, 1, 2, 3}
 
 
 def test_what_the_coarse_net_suspects_becomes_a_hard_example(dataset, tmp_path):

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, normalize
 
 from simgrab.instrument.detect.boxes import about, covered, iou
-from simgrab.instrument.detect.patches import POSE_SIZE, Patch, Picture, around, as_bytes, cut, mask, places
+from simgrab.instrument.detect.patches import GREY, POSE_SIZE, Patch, Picture, around, as_bytes, cut, mask, places
 from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
@@ -42,6 +42,8 @@ _CLOSE_SHARE, _CLOSE, _ZOOM = 0.4, (1.2, 1.65), (1.6, 2.7)
 _SHIFT = 0.25  # of the longer side, at most
 # Where the coarse net takes a part of the grab for all of it, or what is around it for a part, a crop is cut like that.
 _FAR_SHARE, _FAR_ZOOM, _FAR_SHIFT = 0.25, (1.0, ROOM), 0.4
+# Swings beyond 10° on short ropes reach the picture's edge: in this share of the crops it cuts so much of the box off.
+_CUT_SHARE, _CUT = 0.25, (0.05, 0.55)
 _OTHERS = 0.25  # share of examples of frames with a grab that show something else
 _TRIES = 50  # to draw a place of something else
 _WEIGHTS = (1.0, 1.0, 1.0, 1.0, 2.0, 2.0)  # of the edges, and of the grab centre, which angles are computed from
@@ -233,16 +235,25 @@ def _example(
     there = frame.labelled and not other
     slot = 1 if other else 0
     patch, row = crops.patches[i][slot], frame.row
-    window = _window(patch, labels.box(row) if there else None, rng)
+    box = labels.box(row) if there else None
+    edges = np.array([0, 0, row.width_px, row.height_px])
+    if dirt and rng.random() < _CUT_SHARE:
+        edges = _nearer(edges, around(patch.box, 1 / ROOM).box if box is None else box, rng)
+    seen = None if box is None else np.clip(box, np.tile(edges[:2], 2), np.tile(edges[2:], 2))
+    window = _window(patch, seen, rng)
     picture = cut(np.asarray(crops.crops[i, slot]), window, POSE_SIZE, POSE_SIZE)
     corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
-    part = (row.width_px, row.height_px, corner, extent, POSE_SIZE)
-    inside, where = mask(*part), places(*part)
+    (width, height), first = edges[2:] - edges[:2], corner - edges[:2]
+    inside = mask(width, height, first, extent, POSE_SIZE)
+    # As if a whole picture ended there.
+    moved = edges[:2] + edges[2:] - (row.width_px, row.height_px)
+    where = places(row.width_px, row.height_px, corner - moved, extent, POSE_SIZE)
+    if (edges[2:] - edges[:2] != (row.width_px, row.height_px)).any():
+        share = inside[..., None] / 255
+        picture = np.rint(share * picture + (1 - share) * GREY).astype(np.uint8)
     wanted, yaw = np.full(6, np.nan), 0.0
-    if there:
-        box = labels.box(row)
-        assert box is not None
-        wanted = ((np.concatenate([box, labels.centre(row)]).reshape(3, 2) - corner) / extent).ravel()
+    if seen is not None:
+        wanted = ((np.concatenate([seen, labels.centre(row)]).reshape(3, 2) - corner) / extent).ravel()
         yaw = labels.yaw(row)
     if dirt:
         laid = turn(rng, quarters=True)
@@ -259,6 +270,19 @@ def _example(
         "turned": doubled(yaw),
         "present": np.float32(there),
     }
+
+
+def _nearer(edges: NDArray[np.int64], box: Array, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Draw one of a picture's edges x0, y0, x1, y1 so near that it cuts a part of a box off, if it does not already."""
+    result, side = edges.copy(), int(rng.integers(4))
+    axis, depth = side % 2, rng.uniform(*_CUT)
+    low, high = box[axis], box[axis + 2]
+    if side < 2:
+        result[side] = max(edges[side], round(low + depth * (high - low)))
+    else:
+        result[side] = min(edges[side], round(high - depth * (high - low)))
+    # A box beyond the picture leaves it as it is.
+    return result if result[axis] < result[axis + 2] else edges
 
 
 def doubled(yaw: float) -> NDArray[np.float32]:
