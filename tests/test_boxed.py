@@ -65,7 +65,7 @@ def test_a_box_is_read_in_pixels(tmp_path, make):
     np.testing.assert_allclose(arrays.box(row), BOX)
     assert (row.file, row.video, row.width_px, row.height_px) == ("images/a/1.png", "a", WIDTH, HEIGHT)
     assert row.image_sha256 != other.image_sha256
-    assert np.isnan([*arrays.centre(row), arrays.yaw(row), *arrays.up_the_ropes(row)]).all()
+    assert np.isnan([*arrays.centre(row), arrays.yaw(row)]).all()
 
 
 def test_of_a_polygon_the_bounding_box_is_read(tmp_path):

@@ -9,29 +9,26 @@ import itertools
 import json
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from simgrab.dataset import manifest, preview, sensor_files, shards, tables, yolo
+from simgrab.dataset import preview, sensor_files, shards, tables
 from simgrab.dataset import shard_reader as sharded
 from simgrab.dataset.card import HF_SPLITS
 from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
 from simgrab.dataset.shards import Packed
 from simgrab.dataset.summary import Tally
-from simgrab.dataset.tables import Coco, LabelWriter
+from simgrab.dataset.tables import Contents, LabelWriter
 from simgrab.errors import DatasetError
 from simgrab.io import files
 from simgrab.io.destination import check_new_folder
 from simgrab.io.stores import Store, is_url
-from simgrab.model.records.frame_files import LABELS
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import Row
 from simgrab.runtime.versions import Fingerprint
@@ -71,14 +68,10 @@ class ExportSource:
     format: str
 
     @property
-    def tally(self) -> Tally:
-        """Counts of its frames."""
-        return functools.reduce(Tally.__add__, (Tally.of([f.truth], self.scenario) for f in self.dataset), Tally())
-
-    @property
-    def tiles(self) -> Iterator[tuple[NDArray[np.uint8], Row]]:
-        """Frames of the contact sheet, BGR with their rows."""
-        return preview.tiles(self.dataset)
+    def contents(self) -> Contents:
+        """What describes it; goes through its labels."""
+        tally = functools.reduce(Tally.__add__, (Tally.of([f.truth], self.scenario) for f in self.dataset), Tally())
+        return Contents(self.core, self.scenario, self.rendered_by, preview.tiles(self.dataset), tally, self.format)
 
 
 def export(
@@ -192,48 +185,21 @@ def _write(source: ExportSource, store: Store, progress: Progress | None) -> Non
 
 
 @contextlib.contextmanager
-def _rows(source: ExportSource, store: Store) -> Iterator[Callable[[Row], None]]:
-    """Write ``labels.parquet``, and at the end what describes the dataset; the manifest comes last."""
-    schema = tables.with_identity(tables.labels_schema(), source.core)
-    with (
-        store.writing(LABELS) as path,
-        path.open("wb") as file,
-        closing(LabelWriter(file, schema)) as labels,
-    ):
-        yield lambda row: labels.add(msgspec.structs.asdict(row))
-    described = tables.describe(store, source.core, source.scenario, source.tiles, source.tally, source.format)
-    store.write(MANIFEST, manifest.compose(source.core, source.rendered_by, described | source.sensors))
-
-
-@contextlib.contextmanager
-def _yolo(source: ExportSource, store: Store) -> Iterator[Add]:
-    kind = source.format.partition("-")[2] or "box"
-    with _rows(source, store) as add_row:
-
-        def add(frame: LabelledFrame) -> None:
-            row = frame.truth
-            store.write(row.file, frame.content)
-            mask = _mask(frame) if kind == "seg" else None
-            store.write(yolo.name(row), yolo.label(row, mask, source.scenario, kind))
-            add_row(row)
-
+def _tables(source: ExportSource, store: Store, kind: str = "", coco: Collection[str] = ()) -> Iterator[tables.Add]:
+    """Write tables, and at the end what describes the dataset; the manifest comes last."""
+    with tables.tables_of(store, source.core, source.scenario, kind, coco, metadata=False) as add:
         yield add
-        store.write("data.yaml", yolo.data_yaml(list(source.dataset.splits), kind))
+    tables.describe(store, source.contents, source.sensors)
 
 
 @contextlib.contextmanager
-def _coco(source: ExportSource, store: Store) -> Iterator[Add]:
-    with _rows(source, store) as add_row, ExitStack() as stack:
-        instances = dict[str, Coco]()
-        for split in source.dataset.splits:
-            path = stack.enter_context(store.writing(f"annotations/instances_{split}.json"))
-            file = stack.enter_context(path.open("w", encoding="utf-8"))
-            instances[split] = stack.enter_context(closing(Coco(file, source.scenario)))
+def _pictures(source: ExportSource, store: Store, *, kind: str = "", coco: bool = False) -> Iterator[Add]:
+    """Write pictures as files, and YOLO's label files of a kind, or COCO's annotations."""
+    with _tables(source, store, kind, source.dataset.splits if coco else ()) as write:
 
         def add(frame: LabelledFrame) -> None:
             store.write(frame.truth.file, frame.content)
-            instances[frame.truth.split].add(frame.truth, _mask(frame))
-            add_row(frame.truth)
+            write(frame.truth, _mask(frame) if coco or kind == "seg" else None)
 
         yield add
 
@@ -241,7 +207,7 @@ def _coco(source: ExportSource, store: Store) -> Iterator[Add]:
 @contextlib.contextmanager
 def _voc(source: ExportSource, store: Store) -> Iterator[Add]:
     names: dict[str, list[str]] = {split: [] for split in source.dataset.splits}
-    with _rows(source, store) as add_row:
+    with _tables(source, store) as write:
 
         def add(frame: LabelledFrame) -> None:
             row, stem = frame.truth, f"{frame.truth.frame:06d}"
@@ -249,7 +215,7 @@ def _voc(source: ExportSource, store: Store) -> Iterator[Add]:
             store.write(file, frame.content)
             store.write(f"Annotations/{stem}.xml", _voc_annotation(row, file, labelled=frame.labelled))
             names[row.split].append(stem)
-            add_row(msgspec.structs.replace(row, file=file))
+            write(msgspec.structs.replace(row, file=file), None)
 
         yield add
         for split, stems in names.items():
@@ -314,20 +280,18 @@ def _simgrab(source: ExportSource, store: Store) -> Iterator[Add]:
             write(frame.truth, _mask(frame))
 
         yield add
-    tables.finish(
-        store, source.core, source.scenario, source.rendered_by, source.tiles, source.tally, list(source.sensors)
-    )
+    tables.finish(store, source.contents, source.sensors)
 
 
 @contextlib.contextmanager
 def _hf(source: ExportSource, store: Store) -> Iterator[Add]:
     """Write Parquet files of pictures and labels."""
-    with _rows(source, store) as add_row, ExitStack() as stack:
+    with _tables(source, store) as write, ExitStack() as stack:
         adds = {split: stack.enter_context(_hf_tables(source, store, split)) for split in source.dataset.splits}
 
         def add(frame: LabelledFrame) -> None:
             adds[frame.truth.split](frame)
-            add_row(frame.truth)
+            write(frame.truth, None)
 
         yield add
 
@@ -392,11 +356,11 @@ def _files(frame: LabelledFrame) -> dict[str, bytes]:
 
 
 FORMATS: dict[str, Callable[[ExportSource, Store], AbstractContextManager[Add]]] = {
-    "yolo": _yolo,
-    "yolo-pose": _yolo,
-    "yolo-seg": _yolo,
-    "yolo-obb": _yolo,
-    "coco": _coco,
+    "yolo": functools.partial(_pictures, kind="box"),
+    "yolo-pose": functools.partial(_pictures, kind="pose"),
+    "yolo-seg": functools.partial(_pictures, kind="seg"),
+    "yolo-obb": functools.partial(_pictures, kind="obb"),
+    "coco": functools.partial(_pictures, coco=True),
     "voc": _voc,
     "webdataset": _webdataset,
     "hf": _hf,

@@ -18,6 +18,7 @@ from simgrab.dataset.record import StoredFrame
 from simgrab.dataset.shard_reader import table
 from simgrab.dataset.shards import Done, Packed
 from simgrab.dataset.summary import Summary, Tally, TallyColumns
+from simgrab.dataset.tables import Contents
 from simgrab.dataset.video.render import Clips, ClipWork
 from simgrab.errors import DatasetError
 from simgrab.io import pictures
@@ -224,7 +225,8 @@ class _Folder:
             tiles = ((pictures.read(self.journal.folder / row.file)[..., ::-1], row) for row in rows)
             others = sensors.write(self._recipe, store.writing)
             core = core | tally.stated(scenario)
-            tables.finish(store, core, scenario, self._rendered_by, tiles, tally, others)
+            digests = {name: store.sha256(name) for name in others}
+            tables.finish(store, Contents(core, scenario, self._rendered_by, tiles, tally), digests)
             if self._videos and self._films:
                 self._videos.finish()
             self.journal.close()

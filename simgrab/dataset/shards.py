@@ -20,9 +20,9 @@ import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from simgrab.dataset import manifest, preview, tables
+from simgrab.dataset import preview, tables
 from simgrab.dataset import shard_reader as shards
-from simgrab.dataset.datasets import MANIFEST, Manifest
+from simgrab.dataset.datasets import Manifest
 from simgrab.dataset.shard_reader import PLACE, Place, archive
 from simgrab.dataset.summary import Tally
 from simgrab.errors import DatasetError
@@ -184,10 +184,10 @@ def finish(
     tally = functools.reduce(Tally.__add__, (one.tally for one in done))
     if "selection" not in core:  # of which a manifest counts nothing
         core = core | tally.stated(scenario)
-    known = msgspec.convert(core | {"files": digests, "shards": about}, Manifest)
-    dataset = shards.of_shards(store, known)
-    digests |= tables.describe(store, core, scenario, preview.tiles(dataset), tally, "webdataset")
-    store.write(MANIFEST, manifest.compose(core | {"shards": about}, rendered_by, digests))
+    core = core | {"shards": about}
+    dataset = shards.of_shards(store, msgspec.convert(core | {"files": digests}, Manifest))
+    contents = tables.Contents(core, scenario, rendered_by, preview.tiles(dataset), tally, "webdataset")
+    tables.describe(store, contents, digests)
 
 
 class _Archive:

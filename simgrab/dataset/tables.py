@@ -8,8 +8,9 @@ import io
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO, TextIO
@@ -247,9 +248,15 @@ def into(folder: Path) -> Writing:
 
 @contextmanager
 def tables_of(
-    store: Store, core: dict[str, Any], scenario: Scenario
-) -> Iterator[Callable[[Row, dict[str, Any] | None], None]]:
-    """Write the tables of a dataset of files, frame by frame in order, with few frames in memory.
+    store: Store,
+    core: dict[str, Any],
+    scenario: Scenario,
+    kind: str | None = None,
+    coco: Collection[str] = SPLITS,
+    *,
+    metadata: bool = True,
+) -> Iterator[Add]:
+    """Write tables, frame by frame in order, with few frames in memory: by default those of a dataset of files.
 
     Parameters
     ----------
@@ -257,11 +264,18 @@ def tables_of(
     core : dict
         The dataset's identity, which is kept in ``labels.parquet`` under the schema key ``simgrab``.
     scenario : Scenario
+    kind : str, optional
+        Kind of YOLO's label files, beside which ``data.yaml`` is written; the scenario's unless given, none if empty.
+    coco : collection of str
+        Splits that get a COCO file.
+    metadata : bool
+        Whether splits get a ``metadata.csv``.
 
     Yields
     ------
     Add
     """
+    kind = scenario.labels.yolo if kind is None else kind
     with ExitStack() as stack:
 
         def text(name: str) -> TextIO:
@@ -270,66 +284,76 @@ def tables_of(
 
         binary = stack.enter_context(stack.enter_context(store.writing(LABELS)).open("wb"))
         labels = stack.enter_context(closing(LabelWriter(binary, with_identity(labels_schema(), core))))
-        coco = {split: stack.enter_context(closing(Coco(text(coco_name(split)), scenario))) for split in SPLITS}
-        metadata: dict[str, Metadata] = {}
+        instances = {split: stack.enter_context(closing(Coco(text(coco_name(split)), scenario))) for split in coco}
+        tables: dict[str, Metadata | None] = {}
 
         def add(row: Row, mask: dict[str, Any] | None) -> None:
             labels.add(msgspec.structs.asdict(row))
-            coco[row.split].add(row, mask)
-            if row.split not in metadata:
-                metadata[row.split] = Metadata(text(metadata_name(row.split)))
-            metadata[row.split].add(row)
-            store.write(yolo.name(row), yolo.label(row, mask, scenario, scenario.labels.yolo))
+            if row.split in instances:
+                instances[row.split].add(row, mask)
+            if row.split not in tables:
+                tables[row.split] = Metadata(text(metadata_name(row.split))) if metadata else None
+            if table := tables[row.split]:
+                table.add(row)
+            if kind:
+                store.write(yolo.name(row), yolo.label(row, mask, scenario, kind))
 
         yield add
+        if kind:
+            store.write("data.yaml", yolo.data_yaml([split for split in SPLITS if split in tables], kind))
 
 
-def finish(
-    store: Store, core: dict[str, Any], scenario: Scenario, rendered_by: Fingerprint,
-    tiles: Iterable[tuple[NDArray[np.uint8], Row]], tally: Tally, written: Sequence[str],
-) -> None:  # fmt: skip
-    """Write the other files of a dataset, after frames and tables; the manifest comes last.
+@dataclass(frozen=True)
+class Contents:
+    """What the files are made from that describe a dataset.
 
-    Parameters
+    Attributes
     ----------
-    store : Store
     core : dict
         See `simgrab.dataset.manifest.identity`.
     scenario : Scenario
     rendered_by : Fingerprint
     tiles : iterable of (ndarray, Row)
-        First frames, BGR.
+        Frames of the contact sheet, BGR.
     tally : Tally
         Of all frames.
-    written : sequence of str
-        Names of the other files written.
+    layout : str
+        A format of `simgrab.dataset.export`.
     """
-    full = tally.full
+
+    core: dict[str, Any]
+    scenario: Scenario
+    rendered_by: Fingerprint
+    tiles: Iterable[tuple[NDArray[np.uint8], Row]]
+    tally: Tally
+    layout: str = "simgrab"
+
+
+def finish(store: Store, contents: Contents, digests: dict[str, str]) -> None:
+    """Describe a dataset of files, after frames and tables; ``digests`` are of its sensors' files."""
     if store.folder is not None:
         for split in SPLITS:  # a split may be empty; a trainer still looks for its folder
             (store.folder / "images" / split).mkdir(parents=True, exist_ok=True)
-    store.write("data.yaml", yolo.data_yaml(full, scenario.labels.yolo))
-    digests = describe(store, core, scenario, tiles, tally, "simgrab")
-    names = {LABELS, "data.yaml", *map(coco_name, SPLITS), *map(metadata_name, full), *written}
-    digests |= {name: store.sha256(name) for name in names}
-    store.write(MANIFEST, manifest.compose(core, rendered_by, digests))
+    names = LABELS, "data.yaml", *map(coco_name, SPLITS), *map(metadata_name, contents.tally.full)
+    describe(store, contents, digests | {name: store.sha256(name) for name in names})
 
 
-def describe(
-    store: Store, core: dict[str, Any], scenario: Scenario, tiles: Iterable[tuple[NDArray[np.uint8], Row]],
-    tally: Tally, layout: str,
-) -> dict[str, str]:  # fmt: skip
-    """Write the contact sheet, the camera file, copies of users' own grabs, and the card.
+def describe(store: Store, contents: Contents, digests: dict[str, str]) -> None:
+    """Write the contact sheet, the camera file, copies of users' own grabs, the card, and the manifest, which is last.
 
-    Returns
-    -------
-    dict of str to str
-        Their SHA-256 by name, without that of the card, which may be edited.
+    Parameters
+    ----------
+    store : Store
+    contents : Contents
+    digests : dict of str to str
+        SHA-256 of other files by name. The manifest has none of the card, which may be edited.
     """
-    files = {preview.NAME: preview.of(tiles)} | beside(scenario)
-    for name, data in files.items() | {card.NAME: card.of(scenario, core, tally, layout)}.items():
+    core, scenario = contents.core, contents.scenario
+    files = {preview.NAME: preview.of(contents.tiles)} | beside(scenario)
+    for name, data in (files | {card.NAME: card.of(scenario, core, contents.tally, contents.layout)}).items():
         store.write(name, data)
-    return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    digests = digests | {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    store.write(MANIFEST, manifest.compose(core, contents.rendered_by, digests))
 
 
 def beside(scenario: Scenario) -> dict[str, bytes]:

@@ -27,7 +27,7 @@ _ROWS_AT_ONCE = 64  # so that a long text in each of them takes little
 _BATCHES_TOGETHER = 64  # copied into one piece: many small ones take twice the memory of their content
 
 
-def read_table(path: str | Path, refuse: Refuse, kind: str = "", columns: Sequence[str] | None = None) -> pa.Table:
+def read_table(path: str | Path, refuse: Refuse, columns: Sequence[str] | None = None) -> pa.Table:
     """Read a parquet file.
 
     Parameters
@@ -35,13 +35,11 @@ def read_table(path: str | Path, refuse: Refuse, kind: str = "", columns: Sequen
     path : path
     refuse : callable
         Makes the error to raise from a line with file and reason.
-    kind : str
-        Name of this kind of file in messages, e.g. ``"truth table"``.
     columns : sequence of str, optional
         Names of the columns to read; all by default.
     """
-    with opened(path, refuse, kind, most_bytes=MOST_BYTES) as file:
-        return parse_table(file, refuse, cannot(path, kind), columns)
+    with opened(path, refuse, most_bytes=MOST_BYTES) as file:
+        return parse_table(file, refuse, cannot(path), columns)
 
 
 def parse_table(file: BinaryIO, refuse: Refuse, what: str, columns: Sequence[str] | None = None) -> pa.Table:

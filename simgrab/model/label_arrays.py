@@ -11,7 +11,6 @@ from simgrab.model.geometry import Array, Distortion, Intrinsics, Pose
 from simgrab.model.truth import Boxed, Truth
 
 _STEP_M = 0.05  # along the grab's x axis, to see its direction in the picture
-_STEP = 0.05  # along the rope, in its lengths, likewise
 
 
 def box(row: Truth | Boxed) -> Array | None:
@@ -55,15 +54,6 @@ def yaw(row: Truth | Boxed) -> float:
     ends = intrinsics(row).project(camera.local(points))
     across, down = ends[1] - ends[0]
     return float(np.arctan2(down, across) % np.pi)
-
-
-def up_the_ropes(row: Truth | Boxed) -> Array:
-    """Vector in the picture from A towards O by a twentieth of the ropes' length, px, (2,); NaN for boxes alone."""
-    if isinstance(row, Boxed):
-        return np.full(2, np.nan)
-    centre = pose(row.jib_from_grab).translation
-    ends = intrinsics(row).project(pose(row.jib_from_camera).local([centre, (1 - _STEP) * centre]))
-    return np.asarray(ends[1] - ends[0])
 
 
 def intrinsics(row: Truth) -> Intrinsics:

@@ -116,14 +116,8 @@ def parse_size(text: str) -> tuple[int, int]:
 def _read(scene: str | Path, within: Path | None = None) -> dict[str, Any]:
     """Plain data of a whole scene: laid over its base where it names one, and over the defaults."""
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
-    if path.suffix == ".json":
-        return merged(_defaults(), _manifest_scenario(path))
-
-    def beside(table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
-        return _kind(table).read(_named(path, table, refuse, within), refuse)
-
-    data = _with_models(read_toml(path, _REFUSE), beside)
-    base = data.pop("base", None)
+    data, _ = _of_file(path, within)
+    base = data.pop("base", None) if path.suffix != ".json" else None
     if base is None:
         return merged(_defaults(), data)
     if base not in names():
@@ -133,6 +127,25 @@ def _read(scene: str | Path, within: Path | None = None) -> dict[str, Any]:
 
 def _defaults() -> dict[str, Any]:
     return dict(msgspec.to_builtins(Scenario()))
+
+
+def _of_file(path: Path, within: Path | None) -> tuple[dict[str, Any], dict[tuple[str, str], Path]]:
+    """Plain data of a scene file or a manifest, and the paths of the models that it names; see `model_files`."""
+    is_manifest, paths = path.suffix == ".json", dict[tuple[str, str], Path]()
+
+    def read(table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
+        file = _copy(path.parent, table, refuse) if is_manifest else _named(path, table, refuse, within)
+        model: ModelFile = _kind(table).read(file, refuse)
+        paths[model.sha256, model.name] = file
+        return model
+
+    data = _scenario_of(read_json(path, _REFUSE), path) if is_manifest else read_toml(path, _REFUSE)
+    return _with_models(data, read), paths
+
+
+def _copy(dataset: Path, table: Mapping[str, Any], refuse: Refuse) -> Path:
+    """Find the copy in a dataset of the file that a table of its manifest names."""
+    return models.inside(dataset, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse)
 
 
 def _named(scene: Path, table: Mapping[str, Any], refuse: Refuse, within: Path | None) -> Path:
@@ -148,19 +161,11 @@ def _named(scene: Path, table: Mapping[str, Any], refuse: Refuse, within: Path |
     return file
 
 
-def _manifest_scenario(path: Path) -> dict[str, Any]:
-    return with_copies(_scenario_of(read_json(path, _REFUSE), path), path.parent)
-
-
 def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
     """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
-
-    def copy(table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
-        return _kind(table).read(
-            models.inside(dataset, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse), refuse
-        )
-
-    found: dict[str, Any] = _with_models(scenario, copy)
+    found: dict[str, Any] = _with_models(
+        scenario, lambda table, refuse: _kind(table).read(_copy(dataset, table, refuse), refuse)
+    )
     return found
 
 
@@ -253,21 +258,8 @@ def model_files(scene: str | Path, within: Path | None = None) -> dict[tuple[str
     ScenarioError
         If the scene or a model cannot be read.
     """
-    path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
-    found: dict[tuple[str, str], Path] = {}
-
-    def noted(table: Mapping[str, Any], refuse: Refuse) -> ModelFile:
-        if path.suffix == ".json":
-            file = models.inside(path.parent, f"{copied(str(table.get('sha256')))}/{table['file']}", refuse)
-        else:
-            file = _named(path, table, refuse, within)
-        model: ModelFile = _kind(table).read(file, refuse)
-        found[model.sha256, model.name] = file
-        return model
-
-    data = read_toml(path, _REFUSE) if path.suffix != ".json" else _scenario_of(read_json(path, _REFUSE), path)
-    _with_models(data, noted)
-    return found
+    _, paths = _of_file(resources.find(scene, SCENES, "scene", "scenes", _REFUSE), within)
+    return paths
 
 
 def _scenario_of(manifest: Any, where: str | Path) -> dict[str, Any]:

@@ -43,9 +43,8 @@ class PictureMap:
         return _resampled(source, self._map, interpolation, outside)
 
     def resample_over(
-        self, before: NDArray[Any], picture: NDArray[Any], windows: Sequence[Window], interpolation: int,
-        outside: float = 0,
-    ) -> NDArray[Any]:  # fmt: skip
+        self, before: NDArray[Any], picture: NDArray[Any], windows: Sequence[Window], interpolation: int
+    ) -> NDArray[Any]:
         """Bend a picture that differs in windows alone from one of which ``before`` was made."""
         result, source = before.copy(), np.ascontiguousarray(picture)
         (low, high), (height, width) = self._extents, self._map.shape[:2]
@@ -54,7 +53,7 @@ class PictureMap:
             start, end = np.array(window[:2]) - KERNEL_PX, np.array(window[2:]) + KERNEL_PX
             grid |= ((high > start) & (low < end)).all(axis=-1)
         for x0, y0, x1, y1 in changes.windows(grid, width, height, changes.COPY_PX):
-            result[y0:y1, x0:x1] = _resampled(source, self._map[y0:y1, x0:x1], interpolation, outside)
+            result[y0:y1, x0:x1] = _resampled(source, self._map[y0:y1, x0:x1], interpolation)
         return result
 
     @cached_property
@@ -71,7 +70,7 @@ def _tiled(values: NDArray[Any], axis: int) -> NDArray[np.int64]:
     return np.arange(0, values.shape[axis], changes.TILE_PX)
 
 
-def _resampled(picture: NDArray[Any], at: NDArray[np.float32], interpolation: int, outside: float) -> NDArray[Any]:
+def _resampled(picture: NDArray[Any], at: NDArray[np.float32], interpolation: int, outside: float = 0) -> NDArray[Any]:
     return cv2.remap(picture, at, None, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
 
 
