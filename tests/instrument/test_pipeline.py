@@ -191,12 +191,11 @@ class Scripted:
         return Detection("found", "", s.score, np.array(s.box), np.array(s.centre), 0.0, np.ones(4),
                          np.array(s.centre_sd), 0.0)  # fmt: skip
 
-    def read(self, _picture, _layout, *, display_constant_m):
+    def read(self, _picture, _layout):
         s = self.observations[self.at]
         hoist, closing = s.rope_text.split()
         ok = s.hoist_m is not None
-        return Reading("read" if ok else "refused", "" if ok else s.rope_reason, hoist, closing, np.ones(8), s.hoist_m,
-                       20.0 if ok else None, s.hoist_m + display_constant_m if ok else None)  # fmt: skip
+        return Reading("read" if ok else "refused", "" if ok else s.rope_reason, hoist, closing, s.hoist_m)
 
 
 def frames_of(observations):

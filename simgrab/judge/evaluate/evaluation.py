@@ -18,9 +18,9 @@ from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
 from simgrab.judge.evaluate.swings import HARDLY_SWINGS_DEG
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.judge.evaluate.values import Evaluation
+from simgrab.judge.evaluate.values import Evaluation, ReadingScore
 from simgrab.model.geometry import Array
-from simgrab.model.records.observations import Detection, Reading
+from simgrab.model.records.observations import Detection
 
 
 def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float | None = None) -> Evaluation:
@@ -64,7 +64,7 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "warning": _of_warning(run, known.alpha, rule),
         "budget": budget(run, known),
     }
-    return msgspec.convert(found, Evaluation)
+    return msgspec.convert(found, Evaluation, from_attributes=True)
 
 
 def _still(true: Array) -> str:
@@ -132,14 +132,14 @@ def _detection(m: Measurement) -> Detection:
     )  # fmt: skip
 
 
-def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
+def of_reading(run: Run, known: Truths) -> ReadingScore | None:
     """Score readings of the display and lengths; None if the instrument outputs neither.
 
     If it outputs a text for any frame, a frame without one counts as refused.
     """
     texts = any(m.rope_text is not None for m in run.measurements)
     reads = [
-        Read(str(i), "all", _digits(row.rope_text), _digits(row.rope_text_below or row.rope_text), _reading(m))
+        Read(str(i), *map(_digits, (row.rope_text, row.rope_text_below or row.rope_text, m.rope_text or UNREAD)))
         for i, (m, row) in enumerate(zip(run.measurements, known.rows, strict=True))
         if texts and row is not None and row.rope_text is not None and m.status != "lost"
     ]
@@ -148,25 +148,9 @@ def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
     off = off[np.isfinite(off)]
     if not reads and not len(off):
         return None
-    scores = msgspec.to_builtins(reading.score(reads))
-    return scores | {
-        "jumps": sum(m.rope_status == "jump" for m in run.measurements),
-        "length": {
-            "frames": len(off),
-            "median_m": float(np.median(off)) if len(off) else None,
-            "p95_m": float(np.quantile(off, 0.95)) if len(off) else None,
-            "max_m": float(off.max()) if len(off) else None,
-        },
-    }
+    return reading.score(reads, sum(m.rope_status == "jump" for m in run.measurements), off)
 
 
 def _digits(text: str) -> str:
     """Both numbers of a display without the points that some show."""
     return text.replace(".", "")
-
-
-def _reading(m: Measurement) -> Reading:
-    text = _digits(m.rope_text or UNREAD)
-    hoist, _, closing = text.partition(" ")
-    status = "refused" if "?" in text else "read"
-    return Reading(status, "", hoist, closing, np.ones(8), None, None, None)
