@@ -8,7 +8,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Run
@@ -47,7 +46,6 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
     """
     run = run if isinstance(run, Run) else runs.load(run)
     known = known if isinstance(known, Truths) else truths.of(run, known, start_s)
-    rule = rule_of(run)
     found = {
         "run": {
             "source": run.source,
@@ -60,8 +58,8 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "reading": of_reading(run, known),
         "angle": swings.angles(run.alpha, known.alpha, known.rope_length, known.weather),
         "interval": swings.coverage(run.measurements, known.alpha),
-        "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha, rule),
-        "warning": _of_warning(run, known.alpha, rule),
+        "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha),
+        "warning": _of_warning(run, known.alpha),
         "budget": budget(run, known),
     }
     return msgspec.convert(found, Evaluation, from_attributes=True)
@@ -74,16 +72,10 @@ def _still(true: Array) -> str:
     return f"The grab hardly swings (standard deviation {known.std():.2f}°), so these errors say little."
 
 
-def _of_warning(run: Run, true: Array, rule: Rule) -> dict[str, Any] | None:
+def _of_warning(run: Run, true: Array) -> dict[str, Any] | None:
     if run.time is None or all(m.warning is None for m in run.measurements):
         return None
-    return warnings.score(run.time, run.measurements, true, alarm=rule)
-
-
-def rule_of(run: Run) -> Rule:
-    """Find the rule of a run's alarms."""
-    rule = run.about["rule"]
-    return Rule(rule["raised_at"], rule["frames"], float(np.deg2rad(rule["released_at_deg"])), rule["quiet_s"])
+    return warnings.score(run.time, run.measurements, true)
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
