@@ -160,7 +160,7 @@ def since_ramp(clip: Clip) -> list[float]:
     time = clip["time"]
     ramp = np.abs(np.gradient(np.gradient(clip["jib"][:, 0], time), time)) > np.radians(0.25)
     starts = time[1:][ramp[1:] & ~ramp[:-1]]
-    onsets = [e.onset_s for e in true_events(time, clip["alpha"], alarm.Rule()) if e.alpha > SURELY]
+    onsets = [e.onset_s for e in true_events(time, clip["alpha"]) if e.alpha > SURELY]
     return [float(onset - starts[starts < onset][-1]) for onset in onsets if (starts < onset).any()]
 
 
@@ -196,7 +196,7 @@ def main(ordinary: int, dangerous: int, work: Path, workers: int) -> None:
         def of(some: NDArray[np.int64], threshold: float, found: list[list[Measurement]] = found) -> dict[str, Any]:
             return pooled([clips[i] for i in some], [found[i] for i in some], threshold)
 
-        allowed = [alarm.Rule().raised_at] if method == PRESENT else THRESHOLDS
+        allowed = [alarm.ALARM.raised_at] if method == PRESENT else THRESHOLDS
         threshold = next((t for t in allowed if of(fitted_on, t)["per_h"] <= BUDGET_PER_H), allowed[-1])
         for part, some in parts.items():
             f = of(some, threshold)

@@ -84,6 +84,7 @@ class Oracle:
 
     def __init__(self, work: Path) -> None:
         self.shown, self.noise = np.load(work / "shown.npy"), stream(0, 0, "noise")
+        self.constant_m = calibration.load(work / "camera.toml").display_constant_m
 
     def row(self, picture: np.ndarray[Any, Any]) -> Any:
         """Read the number."""
@@ -98,11 +99,10 @@ class Oracle:
         box = np.concatenate([centre - 7, centre + 7])
         return Detection("found", "", 0.9, box, centre, 0.0, np.ones(4), np.full(2, NOISE_PX), 0.0)
 
-    def read(self, picture: np.ndarray[Any, Any], _layout: Any, *, display_constant_m: float) -> Reading:
+    def read(self, picture: np.ndarray[Any, Any], _layout: Any) -> Reading:
         """Read the display."""
-        length = round(float(self.row(picture)[2]), 2)
-        hoist = length - display_constant_m
-        return Reading("read", "", f"{round(100 * hoist):04d}", "2000", np.ones(8), hoist, 20.0, length)
+        hoist = round(float(self.row(picture)[2]), 2) - self.constant_m
+        return Reading("read", "", f"{round(100 * hoist):04d}", "2000", hoist)
 
 
 def serve(work: Path, port: int, faults: int, gap_s: float) -> None:

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -59,42 +59,6 @@ class Record:
         return calibration.load(self.dataset.path / "camera.toml")
 
 
-class Recorder(Protocol):
-    """What `simgrab_record` is."""
-
-    def __call__(
-        self, scene: str | Path, changes: Mapping[str, Any] | None = None, /, size: tuple[int, int] | None = None,
-        **keys: Any,
-    ) -> Record:  # fmt: skip
-        """Draw a scene, or take it from the cache.
-
-        Parameters
-        ----------
-        scene : str or path
-            A bundled scene or a scene file.
-        changes : mapping, optional
-            Dotted keys of the scenario to values.
-        size : tuple of 2 ints, optional
-            Width and height of the images, px, which then show the same view.
-        **keys
-            The same for keys without a dot: ``frames=20, seed=3``.
-        """
-
-
-class Judge(Protocol):
-    """What `simgrab_judge` is."""
-
-    def __call__(self, instrument: Instrument, record: Record) -> Mapping[str, float | None]:
-        """Let an instrument measure a record; fail where it exceeds the test's limits; give all metrics by name."""
-
-
-class Checker(Protocol):
-    """What `simgrab_check` is."""
-
-    def __call__(self, suite: Suite | str | Path, instrument: Instrument | str | None = None) -> Report:
-        """Check a suite, with another instrument than its own if one is given, as `simgrab check` does."""
-
-
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the places of cache and results."""
     group = parser.getgroup("simgrab")
@@ -116,8 +80,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.fixture(scope="session")
-def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
-    """Frames and truth of a scene, rendered once and kept between runs: ``simgrab_record("calm-day", frames=20)``."""
+def simgrab_record(pytestconfig: pytest.Config) -> Callable[..., Record]:
+    """Frames and truth of a scene, rendered once and kept between runs: ``simgrab_record("calm-day", frames=20)``.
+
+    It takes a bundled scene or a scene file; optionally a mapping of the scenario's dotted keys to values; ``size``,
+    the width and height of the images in px, which then show the same view; and values of keys without a dot.
+    """
     from simgrab.judge.check import cache
     from simgrab.model import scenes
 
@@ -133,8 +101,13 @@ def simgrab_record(pytestconfig: pytest.Config) -> Recorder:
 
 
 @pytest.fixture
-def simgrab_judge(request: pytest.FixtureRequest) -> Iterator[Judge]:
-    """Measure a record, evaluate, and hold the test's ``simgrab_limit`` marks against it."""
+def simgrab_judge(
+    request: pytest.FixtureRequest,
+) -> Iterator[Callable[[Instrument, Record], Mapping[str, float | None]]]:
+    """Measure a record, evaluate, and hold the test's ``simgrab_limit`` marks against it.
+
+    It takes an instrument and a record, fails where a limit is exceeded, and returns all metrics by name.
+    """
     from simgrab.judge.check.gate import judged
     from simgrab.judge.check.report import Report
     from simgrab.judge.check.trial import measured
@@ -155,8 +128,11 @@ def simgrab_judge(request: pytest.FixtureRequest) -> Iterator[Judge]:
 
 
 @pytest.fixture
-def simgrab_check(request: pytest.FixtureRequest) -> Checker:
-    """Check a suite with its limits and baseline: ``simgrab_check("ci/port.toml")``."""
+def simgrab_check(request: pytest.FixtureRequest) -> Callable[..., Report]:
+    """Check a suite with its limits and baseline: ``simgrab_check("ci/port.toml")``.
+
+    It takes a suite or its file, and an ``instrument`` if it is another than the suite's, as `simgrab check` does.
+    """
     from simgrab.judge.check import gate
 
     settle = _settling(request)

@@ -69,8 +69,7 @@ class KnowingReader:
     def __init__(self, answers, takes=""):
         self.answers, self.takes = answers, str.maketrans(takes, takes[::-1])
 
-    def read(self, picture, layout, *, display_constant_m=0.0):
+    def read(self, picture, layout):
         text = (self.answers[picture].rope_text or "").translate(self.takes)
         hoist, closing = text.split()
-        hoist_m, closing_m = layout.lengths(text)
-        return Reading("read", "", hoist, closing, np.ones(8), hoist_m, closing_m, hoist_m + display_constant_m)
+        return Reading("read", "", hoist, closing, layout.length(hoist))

@@ -91,15 +91,11 @@ VERBS = {
     "paper": (["paper", "--out"], "simgrab.lab.paper.run.study"),
     "evaluate": (["evaluate", "none", "none", "--page"], "simgrab.instrument.run.runs.load"),
     "detect": (["detect", "none", "--out"], "simgrab.instrument.detect.pictures.detect"),
-    "estimate": (
-        ["estimate", "none.csv", "--camera", "none", "--figure"],
-        "simgrab.instrument.estimate.measure.measure",
-    ),
     "train detector": (["train", "detector", "none", "--out"], "simgrab.training.need_torch"),
     "train reader": (["train", "reader", "none", "--out"], "simgrab.training.need_torch"),
 }
 VERBS = {verb: case for verb, case in VERBS.items() if importlib.util.find_spec(".".join(case[1].split(".")[:2]))}
-ENDINGS = {"render a video": ".mp4", "render a video alone": ".mp4", "detect": ".csv", "estimate": ".png"}
+ENDINGS = {"render a video": ".mp4", "render a video alone": ".mp4", "detect": ".csv"}
 
 
 @pytest.mark.parametrize("place", [AFILE, f"{AFILE}/out", DANGLING, "/proc/simgrab", ""])

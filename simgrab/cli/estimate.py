@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FILE, PATH, EstimatorName, imu_option, plc_option
+from simgrab.cli._options import PATH, EstimatorName, imu_option, plc_option
 from simgrab.instrument.estimate import DEFAULT
 from simgrab.text import printable
 
@@ -24,12 +24,7 @@ from simgrab.text import printable
 @imu_option
 @plc_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every frame, instead of the table.")
-@click.option("--figure", type=FILE, help="File of the figure.  [default: FILE.estimate.png]")
-@click.option("--no-figure", is_flag=True, help="Write no figure.")
-def command(
-    file: Path, camera: Path, estimator: str | None, imu: Path | None, plc: Path | None, as_json: bool,
-    figure: Path | None, no_figure: bool,
-) -> None:  # fmt: skip
+def command(file: Path, camera: Path, estimator: str | None, imu: Path | None, plc: Path | None, as_json: bool) -> None:
     """Estimate camera tilt and swing angles from grab centres.
 
     FILE is CSV or parquet with columns u_px, v_px[, u_sd_px, v_sd_px, rope_length_m, time_s]: the grab centre in the
@@ -42,12 +37,6 @@ def command(
 
     if imu is not None and estimator is not None:
         raise click.UsageError("--imu selects its own estimator; leave out --estimator.")
-    beside = file.with_name(f"{file.stem}.estimate.png") if file.name else Path("record.estimate.png")
-    target = figure or beside
-    if not no_figure:
-        from simgrab.instrument.estimate import figure as estimate_figure
-
-        estimate_figure.check(target)
     measured = judge.measure(file, camera, estimator, imu=imu, plc=plc)
     if as_json:
         click.echo(json.dumps(judge.as_json(measured), indent=1))
@@ -57,8 +46,5 @@ def command(
         show(measured.estimate)
     for warning in measured.warnings:
         click.echo(printable(f"warning: {warning}"), err=True)
-    if not no_figure:
-        estimate_figure.save(measured, target)
-        click.echo(printable(f"figure: {target}"), err=as_json)
     if not measured.estimate.ok:
         sys.exit(1)

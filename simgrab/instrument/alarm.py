@@ -48,6 +48,7 @@ class Rule(Checked, frozen=True):
     quiet_s: Annotated[float, Meta(ge=0, le=3600)] = 6.0
 
 
+ALARM = Rule()
 # Of "will pass 10° within 6 s": fitted to one false warning in an hour of work by `scripts.early_warning`.
 WARNING = Rule(raised_at=0.6)
 
@@ -137,7 +138,7 @@ def warning(m: Measurement) -> float:
 
 
 def events(
-    times: Array, measurements: Sequence[Measurement], rule: Rule | None = None,
+    times: Array, measurements: Sequence[Measurement], rule: Rule = ALARM,
     chance: Callable[[Measurement], float] = danger,
 ) -> tuple[Event, ...]:  # fmt: skip
     """Alarms of a record.
@@ -148,11 +149,10 @@ def events(
         Seconds, increasing.
     measurements : sequence of n Measurement
         Frames without an α neither raise nor end an alarm.
-    rule : Rule, optional
+    rule : Rule
     chance : callable
         The probability that raises an alarm: `danger`, or `warning` for `WARNING`.
     """
-    rule = rule or Rule()
     found: list[Event] = []
     sure = 0
     since: int | None = None  # frame in which the present alarm was raised

@@ -83,9 +83,7 @@ def one(frame: Frame, detector: Detector, reader: Reader | None, calibration: Ca
         raise DetectorError(f"{detector.name}: {wrong}")
     reading = None
     if reader is not None and calibration.digit_layout is not None:
-        reading = reader.read(
-            frame.picture, calibration.digit_layout, display_constant_m=calibration.display_constant_m
-        )
+        reading = reader.read(frame.picture, calibration.digit_layout)
     return _observation(frame, found, reading)
 
 

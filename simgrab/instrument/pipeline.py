@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -28,7 +28,7 @@ from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
-from simgrab.instrument.rope import Bridge, Rope, rope
+from simgrab.instrument.rope import Rope, rope
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate
@@ -94,7 +94,6 @@ class Pipeline:
         Seconds at the beginning from which the tilt is estimated; None for the whole record, as in the paper.
     tilt : Known or None
         A known tilt.
-    bridge : Bridge
     controller : Controller or None
         Readings of the crane's controller. Its rope length takes the place of the display's, except in a live run on a
         clock that is not known, and an estimator with a field ``controller`` gets all of it.
@@ -107,7 +106,6 @@ class Pipeline:
     estimator: Estimator | None = None
     calibrate_s: float | None = None
     tilt: Known | None = None
-    bridge: Bridge = field(default_factory=Bridge)
     controller: Controller | None = None
     feed: ControllerFeed | None = None
     intervals: IntervalSettings = WORKING
@@ -224,7 +222,7 @@ class Pipeline:
 
     def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> MeasuredRecord:
         """Estimate angles from a record of observations."""
-        record = angles.arrays(observations, rope(observations, calibration, self.bridge))
+        record = angles.arrays(observations, rope(observations, calibration))
         controller, clock = self.controller, None
         if controller is not None:
             controller, clock = on_clock(controller, record)
@@ -278,7 +276,7 @@ class Pipeline:
             start = at if math.isnan(start) else start
             controller = self.controller if self.feed is None else self.feed.poll(at)
             recent = _recent(observations)
-            ropes = rope(recent, calibration, self.bridge)
+            ropes = rope(recent, calibration)
             newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
             if controller is not None:
                 unlike = watch.unlike

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.instrument.observation import Observation
-from simgrab.instrument.read import Hoist, consistent
+from simgrab.instrument.read import consistent
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
+
+LONGEST_S = 2.0  # between readings; at 70 m/min the error is at most 1.2 m
 
 
 @dataclass(frozen=True)
@@ -30,24 +32,8 @@ class Rope:
     jump: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class Bridge:
-    """Settings for the rejection of readings, and for the bridging of gaps.
-
-    Attributes
-    ----------
-    hoist : Hoist
-    longest_s : float
-        The length is interpolated linearly between readings at most this far apart; before the first and after the last
-        reading it stays constant for half of this time. At 70 m/min the error is at most 1.2 m.
-    """
-
-    hoist: Hoist = field(default_factory=Hoist)
-    longest_s: float = 2.0
-
-
-def rope(observations: Sequence[Observation], calibration: Calibration, bridge: Bridge) -> Rope:
-    """Find the rope's length in every frame.
+def rope(observations: Sequence[Observation], calibration: Calibration) -> Rope:
+    """Find the rope's length in every frame; gaps between readings are `bridged` up to `LONGEST_S`.
 
     Independent frames (without times) have only their own readings.
     """
@@ -57,9 +43,9 @@ def rope(observations: Sequence[Observation], calibration: Calibration, bridge: 
     if any(s.time_s is None for s in observations):
         return Rope(_sound(hoist + calibration.display_constant_m), np.zeros(len(hoist), bool))
     times = np.array([s.time_s for s in observations], float)
-    believed = consistent(times, hoist, bridge.hoist)
+    believed = consistent(times, hoist)
     jump = np.isfinite(hoist) & ~believed
-    length = bridged(times, times, np.where(believed, hoist, np.nan), bridge.longest_s)
+    length = bridged(times, times, np.where(believed, hoist, np.nan), LONGEST_S)
     return Rope(_sound(length + calibration.display_constant_m), jump)
 
 
@@ -68,7 +54,10 @@ def _sound(length: Array) -> Array:
 
 
 def bridged(at: Array, time: Array, values: Array, longest: float) -> Array:
-    """Interpolate readings (n,) at times (m,) as `Bridge.longest_s` states; NaN in longer gaps."""
+    """Interpolate readings (n,) linearly at times (m,); NaN in gaps longer than so many seconds.
+
+    Before the first and after the last reading they stay constant for half of this time.
+    """
     known = np.isfinite(values)
     time, values = time[known], values[known]
     if not len(time):

@@ -1,9 +1,5 @@
-import errno
 import json
-import os
-from pathlib import Path
 
-import cv2
 import msgspec
 import numpy as np
 import pyarrow as pa
@@ -11,7 +7,6 @@ import pyarrow.parquet
 import pytest
 import tomli_w
 from click.testing import CliRunner
-from matplotlib.figure import Figure
 
 from simgrab.cli.estimate import command
 from simgrab.errors import SimgrabError
@@ -60,7 +55,7 @@ def test_a_controllers_data_take_the_place_of_the_column(quantity, estimator, tm
     write(tmp_path / "crane.csv", crane)
     (tmp_path / "crane.toml").write_text(tomli_w.dumps(about))
     bare = write(tmp_path / "bare.csv", {name: table[name] for name in ("u_px", "v_px", "time_s")})
-    given = ["--camera", camera, "--json", "--no-figure"]
+    given = ["--camera", camera, "--json"]
     result = call(bare, *given, "--plc", tmp_path / "crane.csv")
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
@@ -85,7 +80,7 @@ def test_motion_beyond_the_controllers_data_is_left_out_as_in_a_run(tmp_path, ca
     about |= {name: {"column": name, "rate_hz": 10.0, "resolution": 0.01} for name in ("rope", "slew")}
     (tmp_path / "crane.toml").write_text(tomli_w.dumps(about))
     bare = write(tmp_path / "bare.csv", {name: table[name] for name in ("u_px", "v_px", "time_s")})
-    result = call(bare, "--camera", camera, "--json", "--plc", tmp_path / "crane.csv", "--figure", tmp_path / "a.png")
+    result = call(bare, "--camera", camera, "--json", "--plc", tmp_path / "crane.csv")
     found = json.loads(result.stdout)
     assert found["status"] == "ok", found["reason"]
     assert [alpha is None for alpha in found["alpha_deg"]] == (table["time_s"] > time[-1] + 0.1).tolist()
@@ -97,7 +92,7 @@ def test_a_refusal_has_an_exit_status(tmp_path, camera, table):
     write(tmp_path / "crane.csv", {"t": time, "slew": 3 * time})
     about = {"time": {"column": "t"}, "slew": {"column": "slew", "rate_hz": 10.0, "resolution": 0.01}}
     (tmp_path / "crane.toml").write_text(tomli_w.dumps(about))
-    given = [write(tmp_path / "swing.csv", table), "--camera", camera, "--plc", tmp_path / "crane.csv", "--no-figure"]
+    given = [write(tmp_path / "swing.csv", table), "--camera", camera, "--plc", tmp_path / "crane.csv"]
     shown, plain = call(*given), call(*given, "--json")
     assert (shown.exit_code, plain.exit_code) == (1, 1)
     assert "pendulum-smoother: refused. the controller reports from" in shown.stdout
@@ -110,7 +105,7 @@ def test_deviations_of_pixels_widen_intervals_as_in_a_run(tmp_path, camera, tabl
     gone = np.arange(120) == 7
     blank = {name: np.where(gone, "", table[name].astype(str)) for name in ("u_px", "v_px")}
     stated = table | blank | {"u_sd_px": np.where(gone, "", "3.0"), "v_sd_px": np.where(gone, "", "4.0")}
-    given = ["--camera", camera, "--estimator", "pendulum", "--json", "--no-figure"]
+    given = ["--camera", camera, "--estimator", "pendulum", "--json"]
     found = json.loads(call(write(tmp_path / "stated.csv", stated), *given).stdout)
     exact = json.loads(call(write(tmp_path / "exact.csv", table | blank), *given).stdout)
     pixels, length, time = (table[name][~gone] for name in ("u_px", "rope_length_m", "time_s"))
@@ -128,13 +123,13 @@ def test_the_share_of_frames_above_10_degrees_is_printed(tmp_path, camera, table
     centre = np.mean([table["u_px"], table["v_px"]], axis=1)
     far = table | {name: c + 6 * (table[name] - c) for name, c in zip(("u_px", "v_px"), centre, strict=True)}
     file = write(tmp_path / "far.csv", far)
-    found = json.loads(call(file, "--camera", camera, "--json", "--no-figure").stdout)
+    found = json.loads(call(file, "--camera", camera, "--json").stdout)
     alpha, (low, high) = np.array(found["alpha_deg"]), np.array(found["intervals"][0]["alpha_deg"]).T
     above = found["above_10_deg"]
     assert (above["low"], above["high"]) == (np.mean(low > 10), np.mean(high > 10))
     assert above["low"] < above["share"] < above["high"]
     assert above["share"] == pytest.approx(np.mean(alpha > 10), abs=0.1)
-    shown = call(file, "--camera", camera, "--no-figure").stdout
+    shown = call(file, "--camera", camera).stdout
     assert f"{100 * above['share']:.2f}" in shown
     assert f"{100 * above['low']:.2f} to {100 * above['high']:.2f}" in shown
 
@@ -142,7 +137,7 @@ def test_the_share_of_frames_above_10_degrees_is_printed(tmp_path, camera, table
 @pytest.mark.parametrize("name", list(ESTIMATORS))
 def test_every_estimator_prints_json_that_says_what_the_table_says(name, tmp_path, camera, table):
     file = write(tmp_path / "swing.csv", table)
-    result = call(file, "--camera", camera, "--estimator", name, "--json", "--no-figure")
+    result = call(file, "--camera", camera, "--estimator", name, "--json")
     assert result.exit_code == 0, result.output
     found = json.loads(result.output)
     assert found["estimator"] == name
@@ -151,32 +146,27 @@ def test_every_estimator_prints_json_that_says_what_the_table_says(name, tmp_pat
     assert found["intervals"][0]["kind"] == ("posterior" if name == "pendulum-smoother" else "iid")
     if name in ("mean-ray", "pendulum-smoother"):
         assert found["beta_deg"] == pytest.approx(4.0, abs=0.5)
-    shown = call(file, "--camera", camera, "--estimator", name, "--no-figure")
+    shown = call(file, "--camera", camera, "--estimator", name)
     assert f"{found['beta_deg']:.3f}" in shown.output
     assert ("too few blocks" if name == "pendulum-smoother" else "of frames 0.6 s apart") in shown.output
 
 
-def test_the_mean_ray_is_the_default_and_a_figure_is_drawn(tmp_path, camera, table):
+def test_the_mean_ray_is_the_default(tmp_path, camera, table):
     file = write(tmp_path / "swing.csv", table)
     result = call(file, "--camera", camera)
     assert "mean-ray, 120 frames" in result.output
-    assert (tmp_path / "swing.estimate.png").stat().st_size > 10_000
-    assert call(file, "--camera", camera, "--figure", tmp_path / "other.svg").exit_code == 0
-    assert "<svg" in (tmp_path / "other.svg").read_text()
 
 
 def test_parquet_and_csv_are_one(tmp_path, camera, table):
     pa.parquet.write_table(pa.table(table), tmp_path / "swing.parquet")
     file = write(tmp_path / "swing.csv", table)
-    one, other = (
-        call(f, "--camera", camera, "--json", "--no-figure").output for f in (file, tmp_path / "swing.parquet")
-    )
+    one, other = (call(f, "--camera", camera, "--json").output for f in (file, tmp_path / "swing.parquet"))
     assert json.loads(one) == json.loads(other)
 
 
 def test_an_empty_pixel_is_a_missing_frame(tmp_path, camera, table):
     table["u_px"] = ["" if i == 7 else u for i, u in enumerate(table["u_px"])]
-    result = call(write(tmp_path / "swing.csv", table), "--camera", camera, "--json", "--no-figure")
+    result = call(write(tmp_path / "swing.csv", table), "--camera", camera, "--json")
     found = json.loads(result.output)
     assert found["frames"] == 119
     assert found["alpha_deg"][7] is None
@@ -189,7 +179,7 @@ def test_a_datasets_labels_are_a_record(tmp_path, camera, table):
     pa.parquet.write_table(pa.table(table), tmp_path / "swing.parquet")
     for name in ("mean-ray", "rope-aware"):
         one, other = (
-            json.loads(call(tmp_path / f, "--camera", camera, "--estimator", name, "--json", "--no-figure").stdout)
+            json.loads(call(tmp_path / f, "--camera", camera, "--estimator", name, "--json").stdout)
             for f in ("labels.parquet", "swing.parquet")
         )
         assert one["beta_deg"] == other["beta_deg"]
@@ -205,7 +195,7 @@ def test_an_offset_that_passes_for_tilt_is_warned_of(name, rope, offset, tmp_pat
     msgspec.structs.replace(CAMERA, offset_m=(0.0, offset, -0.3)).save(tmp_path / "camera.toml")
     knows = ESTIMATORS[name].needs_rope
     file = write(tmp_path / "swing.csv", table if rope else without("rope_length_m")(table))
-    result = call(file, "--camera", tmp_path / "camera.toml", "--estimator", name, "--json", "--no-figure")
+    result = call(file, "--camera", tmp_path / "camera.toml", "--estimator", name, "--json")
     warned = not knows and (offset > 0.1 if rope else offset > 0)
     warnings = json.loads(result.stdout)["warnings"]
     assert len(warnings) == warned
@@ -280,7 +270,7 @@ BAD = {
 def test_bad_input_is_reported_in_one_line_with_row_or_column(what, tmp_path, camera, table):
     estimator, change, message = BAD[what]
     file = write(tmp_path / "bad.csv", change(table))
-    result = call(file, "--camera", camera, "--estimator", estimator, "--no-figure")
+    result = call(file, "--camera", camera, "--estimator", estimator)
     assert isinstance(result.exception, SimgrabError), result.output
     text = str(result.exception)
     assert "\n" not in text
@@ -302,7 +292,7 @@ def test_columns_that_are_not_read_may_have_any_names(tmp_path, camera, table):
     file = write(tmp_path / "plain.csv", table)
     header, *rows = file.read_text().splitlines()
     (tmp_path / "sheet.csv").write_text("\n".join([f"{header},note,note,,", *(f"{row},a,b,," for row in rows)]))
-    found = [call(tmp_path / name, "--camera", camera, "--json", "--no-figure") for name in ("plain.csv", "sheet.csv")]
+    found = [call(tmp_path / name, "--camera", camera, "--json") for name in ("plain.csv", "sheet.csv")]
     assert [one.exit_code for one in found] == [0, 0]
     assert found[0].output == found[1].output
     (tmp_path / "bad.csv").write_text("u_px,v_px,u_px\n1,2,3\n")
@@ -313,21 +303,3 @@ def test_files_that_are_not_there(tmp_path, camera, table):
     assert "cannot read" in str(call(tmp_path / "no.csv", "--camera", camera).exception)
     file = write(tmp_path / "swing.csv", table)
     assert "cannot read camera file" in str(call(file, "--camera", tmp_path / "no.toml").exception)
-
-
-def test_a_figure_appears_whole_or_not_at_all(tmp_path, camera, table, monkeypatch):
-    target = tmp_path / "swing.PNG"
-    target.write_bytes(b"before")
-
-    def full(_figure, place, **_options):
-        Path(place).write_bytes(b"half")
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Figure, "savefig", full)
-        result = call(write(tmp_path / "swing.csv", table), "--camera", camera, "--figure", target)
-    assert result.exit_code != 0
-    assert target.read_bytes() == b"before"
-    assert not list(tmp_path.glob(".*"))
-    assert call(tmp_path / "swing.csv", "--camera", camera, "--figure", target).exit_code == 0
-    assert cv2.imread(str(target)) is not None

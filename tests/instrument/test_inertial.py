@@ -330,7 +330,7 @@ def test_estimate_and_run_take_the_folder(crane, folder, tmp_path):
     ]
     (tmp_path / "record.csv").write_text("time_s,u_px,v_px,rope_length_m\n" + "\n".join(rows) + "\n", encoding="utf-8")
     call = [str(tmp_path / "record.csv"), "--camera", str(tmp_path / "camera.toml"), "--imu", str(folder)]
-    done = CliRunner().invoke(command, [*call, "--json", "--no-figure"])
+    done = CliRunner().invoke(command, [*call, "--json"])
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["estimator"] == "pendulum-smoother"
     refused = CliRunner().invoke(command, [*call, "--estimator", "mean-ray"])

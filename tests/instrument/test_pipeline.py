@@ -21,7 +21,7 @@ from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.forecast import Forecaster
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
-from simgrab.instrument.rope import Bridge, rope
+from simgrab.instrument.rope import rope
 from simgrab.instrument.run.assumed import assumptions
 from simgrab.instrument.run.subject import open_instrument
 from simgrab.model import scenes
@@ -153,7 +153,7 @@ def test_ropes_are_bridged_no_further_than_stated(crane):
     observations = crane.observations()
     for i in [*range(5), *range(100, 117), *range(200, 220)]:
         observations[i] = msgspec.structs.replace(observations[i], hoist_m=None, rope_status="refused")
-    length = rope(observations, crane.calibration, Bridge()).length
+    length = rope(observations, crane.calibration).length
     assert np.isfinite(length[:117]).all()  # 17 frames leave 18 steps, 2 s
     assert np.abs(length[:117] - crane.rope[:117]).max() < 0.7
     assert np.isnan(length[200:220]).all()
@@ -191,12 +191,11 @@ class Scripted:
         return Detection("found", "", s.score, np.array(s.box), np.array(s.centre), 0.0, np.ones(4),
                          np.array(s.centre_sd), 0.0)  # fmt: skip
 
-    def read(self, _picture, _layout, *, display_constant_m):
+    def read(self, _picture, _layout):
         s = self.observations[self.at]
         hoist, closing = s.rope_text.split()
         ok = s.hoist_m is not None
-        return Reading("read" if ok else "refused", "" if ok else s.rope_reason, hoist, closing, np.ones(8), s.hoist_m,
-                       20.0 if ok else None, s.hoist_m + display_constant_m if ok else None)  # fmt: skip
+        return Reading("read" if ok else "refused", "" if ok else s.rope_reason, hoist, closing, s.hoist_m)
 
 
 def frames_of(observations):

@@ -17,7 +17,6 @@ from click.testing import CliRunner
 
 from simgrab.cli import cli
 from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
-from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.estimate import PaperIteration, PendulumSmoother
 from simgrab.instrument.estimate.follow import Known, far_offset
@@ -456,7 +455,7 @@ def test_anybodys_instrument_runs_from_the_command_line(tmp_path, monkeypatch):
 
 
 def test_stills_are_of_the_largest_swing_and_of_every_alarm():
-    overlay = OverlayVideo(None, Rule())
+    overlay = OverlayVideo(None)
     alphas = np.radians([2.0, 12.0, 11.0, *[1.0] * 60, 10.5, 10.9, 3.0])
     for i, alpha in enumerate(alphas):
         overlay.add(Frame(picture(i), i / 9), Measurement(status="ok", alpha=alpha))

@@ -59,8 +59,6 @@ def test_a_saved_run_is_read_back(made, folder):
 @pytest.mark.parametrize(
     ("place", "value", "named"),
     [
-        (("rule", "frames"), [1], "rule.frames"),
-        (("rule", "quiet_s"), "6", "rule.quiet_s"),
         (("counts", "ok"), "many", "counts"),
         (("counts",), 3, "counts"),
         (("tilt",), {"beta_deg": 3}, "tilt"),

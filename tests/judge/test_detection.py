@@ -192,7 +192,7 @@ def test_detections_are_kept_as_a_table(known, tmp_path):
     detections.save(watched, tmp_path / "d.csv")
     camera = str(known.path / "camera.toml")
     for name in ("d.csv", "d.parquet"):
-        result = CliRunner().invoke(cli, ["estimate", str(tmp_path / name), "--camera", camera, "--no-figure"])
+        result = CliRunner().invoke(cli, ["estimate", str(tmp_path / name), "--camera", camera])
         assert result.exit_code == 0, result.output
 
 

@@ -15,7 +15,6 @@ from click.testing import CliRunner
 from simgrab.cli import cli
 from simgrab.dataset import datasets
 from simgrab.errors import DatasetError, RunError
-from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.pipeline import Pipeline
@@ -216,9 +215,9 @@ def said(degrees, danger):
 def compare(estimated, true, *, danger=True):
     from simgrab.instrument.alarm import events
 
-    times, rule = np.arange(len(true)) / 9, Rule()
+    times = np.arange(len(true)) / 9
     measurements = said(estimated, danger)
-    return swings.alarms(times, measurements, events(times, measurements, rule), np.radians(true), rule)
+    return swings.alarms(times, measurements, events(times, measurements), np.radians(true))
 
 
 def test_alarms_are_judged_by_event():

@@ -334,8 +334,8 @@ class Middle:
     def __call__(self, _picture):
         return Detection("found", "", 1.0, box=np.array([300.0, 200, 340, 240]), centre=np.array([320.0, 220]))
 
-    def read(self, _picture, _layout, *, display_constant_m):
-        return Reading("read", "", "2000", "2000", np.ones(8), 20.0, 20.0, 20.0 + display_constant_m)
+    def read(self, _picture, _layout):
+        return Reading("read", "", "2000", "2000", 20.0)
 
 
 @pytest.fixture
@@ -417,9 +417,9 @@ def test_without_the_rope_length_in_the_track_no_display_is_read(sensed, tmp_pat
     times = []
 
     class Counting(Middle):
-        def read(self, picture, layout, *, display_constant_m):
+        def read(self, picture, layout):
             times.append(1)
-            return super().read(picture, layout, display_constant_m=display_constant_m)
+            return super().read(picture, layout)
 
     pipeline = Pipeline(Middle(), Counting())
     entry.run(sensed, tmp_path / "e", pipeline, "picture")

@@ -32,7 +32,7 @@ from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 from simgrab.text import printable
 
-LEAST_SCORE = 0.25
+LEAST_SCORE = 0.25  # of a grab
 _MOST_SCORE = 1.001  # a product of half-precision sigmoids may be rounded to more than 1
 _STRIDES = (8, 16, 32)
 MOST_SIDE = 4096  # px of a picture that a net takes
@@ -64,8 +64,6 @@ class Yolo:
     Parameters
     ----------
     net : Net or path
-    least_score : float
-        Least score of a grab.
 
     Raises
     ------
@@ -74,9 +72,8 @@ class Yolo:
         what was expected and what was found.
     """
 
-    def __init__(self, net: Net | str | Path, least_score: float = LEAST_SCORE) -> None:
+    def __init__(self, net: Net | str | Path) -> None:
         self._net = net if isinstance(net, Net) else open_net(net)
-        self.least_score = least_score
         self.height, self.width = _input(self._net)
         # Its output on a blank picture shows shapes that the file leaves free, and whether places are decoded.
         blank = self._run(np.full((1, 3, self.height, self.width), 0.5, np.float32))
@@ -107,8 +104,8 @@ class Yolo:
         scores = np.where(sound, np.minimum(scores, 1.0), 0.0)
         best = int(scores.argmax())
         score = float(scores[best])
-        if score < self.least_score:
-            return Detection("none", f"no box scores {self.least_score} or more", score)
+        if score < LEAST_SCORE:
+            return Detection("none", f"no box scores {LEAST_SCORE} or more", score)
         corners = patch.to_picture(boxes[best].reshape(2, 2) / (self.width, self.height))
         x0, y0, x1, y1 = np.clip(corners, 0, [picture.shape[1], picture.shape[0]]).ravel()
         if x0 >= x1 or y0 >= y1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -11,11 +11,11 @@ from simgrab.errors import RecordError
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
+from simgrab.instrument.estimate.contract import Estimator, joined
 from simgrab.instrument.estimate.frames import Frames, interpolated, tilt_of
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.estimate.inertial.sensed import Sensed, sensed, unfit
 from simgrab.instrument.estimate.jib import JibMotion
-from simgrab.instrument.estimate.motion import EstimatedMotion, PathEstimator
 from simgrab.instrument.estimate.pendulum import (
     CLOCK,
     DAMPING,
@@ -49,6 +49,10 @@ from simgrab.model.records.estimates import Estimates, Intervals
 
 MOST_NOISE = 0.005  # rad, of a centre per coordinate, if it is also more than the swing: then the frames are no video
 CUT_S = 20.0  # longer gaps are not bridged
+TILT_SD = 0.35  # rad, of the tilt per axis
+DAMPED, DAMPED_SD = 0.005, 0.005  # prior of the damping ratio
+STIFFNESS_SD = 0.003  # of the relative error of gravity over length
+LONGER_M, LONGER_SD_M = 0.4, 0.5  # prior of the length of the equivalent simple pendulum minus |OA|
 # Prior of how a camera follows apparent gravity: the share, and logarithms of frequency (rad/s) and damping ratio.
 FOLLOWING, FOLLOWING_SD = (0.5, np.log(np.pi), np.log(0.5)), (0.5, 0.7, 0.7)
 LEAST_CLOCK_SD_S = 1e-3
@@ -82,7 +86,7 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class PendulumSmoother(PathEstimator):
+class PendulumSmoother(Estimator):
     r"""Extended Kalman filter and Rauch–Tung–Striebel pass, iterated, over a spherical pendulum of changing length.
 
     A controller's readings drive the pendulum by the acceleration of O, and the camera's tilt is a constant and two
@@ -97,12 +101,6 @@ class PendulumSmoother(PathEstimator):
 
     Attributes
     ----------
-    damping, damping_sd : float
-        Prior of the damping ratio.
-    stiffness_sd : float
-        Prior standard deviation of the relative error of gravity over length.
-    tilt_sd : float
-        Prior standard deviation of the tilt per axis, rad.
     controller : Controller or None
         What the crane reports of its motion during the record. Slewing and luffing drive the pendulum, and they tilt
         the camera: β is its tilt where the jib rests at its mean radius.
@@ -112,8 +110,6 @@ class PendulumSmoother(PathEstimator):
     wander_px : float
         Standard deviation per coordinate of errors of the pixel that last for some seconds, beside those that change
         from frame to frame. `simgrab run` takes it from the detector.
-    longer_m, longer_sd_m : float
-        With a controller or a sensor, prior of the length of the equivalent simple pendulum minus \|OA\|.
 
     Notes
     -----
@@ -131,17 +127,13 @@ class PendulumSmoother(PathEstimator):
     """
 
     name: ClassVar[str] = "pendulum-smoother"
+    needs_rope: ClassVar[bool] = True
+    needs_time: ClassVar[bool] = True
     parameters: ClassVar[int] = 8  # tilt and horizontal offset, and the first position and velocity, two each
 
-    damping: float = 0.005
-    damping_sd: float = 0.005
-    stiffness_sd: float = 0.003
-    tilt_sd: float = 0.35
     controller: Controller | None = None
     imu: ImuReadings | None = None
     wander_px: float = 0.0
-    longer_m: float = 0.4
-    longer_sd_m: float = 0.5
 
     @property
     def needs_imu(self) -> bool:
@@ -151,11 +143,12 @@ class PendulumSmoother(PathEstimator):
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
         if self.imu is not None and len(frames.count) != 1:
             raise RecordError(f"{self.name} takes one record at a time: the sensor's readings belong to one")
-        return super()._conclude(frames, calibration)
-
-    def _motion(self, frames: Frames, calibration: Calibration) -> EstimatedMotion | str:
-        solved = self.solve(frames, calibration)
-        return solved if isinstance(solved, str) else self._found(solved, calibration.focal_length_px)
+        m, parts = len(frames.count), []
+        for i in range(m):
+            one = frames.rows(np.arange(m) == i)
+            solved = self.solve(one, calibration)
+            parts.append((np.array([i]), self._concluded(one, solved, calibration.focal_length_px)))
+        return joined(parts, m)
 
     def solve(self, frames: Frames, calibration: Calibration, imu: ImuReadings | None = None) -> Solved | str:
         """Fit one record, with some of the sensor's readings or all; returns the reason if that is impossible."""
@@ -167,12 +160,12 @@ class PendulumSmoother(PathEstimator):
         beta, azimuth = tilt_of(rough.down[0])
         focal_px, offset_sd = calibration.focal_length_px, max(calibration.offset_sd_m, 1e-4)
         mean, sd = np.zeros(PARAMETERS), np.full(PARAMETERS, 1e-6)
-        mean[OFFSET], mean[DAMPING] = calibration.offset_m, self.damping
-        sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = self.tilt_sd, offset_sd, self.damping_sd, self.stiffness_sd
+        mean[OFFSET], mean[DAMPING] = calibration.offset_m, DAMPED
+        sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = TILT_SD, offset_sd, DAMPED_SD, STIFFNESS_SD
         jib, motion = JibMotion.at_rest(), None
         steady = 0.0
         if imu is not None or self.controller is not None:
-            mean[LONGER], sd[LONGER] = self.longer_m, self.longer_sd_m
+            mean[LONGER], sd[LONGER] = LONGER_M, LONGER_SD_M
             if self.intervals.wind_m_s:
                 sd[WIND] = np.sqrt(self.intervals.lean_variance)
             else:
@@ -233,56 +226,62 @@ class PendulumSmoother(PathEstimator):
         path = first_path(nodes, swing, size)
         return nodes, fit(nodes, path, _on_time(nodes, path, start, strengths, priors), strengths, priors)
 
-    def _found(self, solved: Solved, focal_px: float) -> EstimatedMotion:
+    def _concluded(self, frames: Frames, solved: Solved | str, focal_px: float) -> Estimates:
+        """State one record's motion with its intervals by the posterior, and σ of a distribution by blocks."""
+        if isinstance(solved, str):
+            return self._refuse(frames, [solved])
         nodes, found, jib = solved.nodes, solved.fit, solved.jib
         course, minimum = jib.at(nodes.time).mean(axis=0), found.minimum
         tilt = found.parameters[TILT] + sensed_lean(found.parameters, course)
-        by_lean = of_tilt(course[4:])
-        along, across = iv.split(by_lean @ minimum.covariance @ by_lean.T, tilt)
-        s = found.path[nodes.frame, :2]
+        beta, by_lean = np.hypot(*tilt)[None], of_tilt(course[4:])
+        of_beta, across_tilt = iv.split(by_lean @ minimum.covariance @ by_lean.T, tilt)
+        s = found.path[nodes.frame, :2]  # the horizontal part of the unit direction OA
+        alpha = np.arcsin(np.minimum(np.hypot(*s.T), 1.0))
+        sigma = np.sqrt(np.mean(alpha**2))[None]
         covariance = state_covariances(minimum, found.path.shape[1])[nodes.frame, :2, :2]
         if solved.sensed is not None:
             of_lean = np.interp(nodes.time[nodes.frame], jib.time, solved.sensed.variance)
             covariance = covariance + of_lean[:, None, None] * np.eye(2)
+        along, across = iv.split(covariance, s)
         gain = minimum.gain.reshape(-1, found.path.shape[1], len(found.parameters))[nodes.frame, :2]
         # σ² = mean α² follows the parameters p by −2 mean sᵀ ∂s/∂p.
         slope = 2 * np.mean(np.einsum("ni,nij->nj", s, gain), axis=0)
-        return EstimatedMotion(
-            beta=float(np.hypot(*tilt)),
-            azimuth=float(np.arctan2(tilt[1], tilt[0]) % (2 * np.pi)),
-            tilt_variance=(along, across),
-            swing=s,
-            covariance=covariance,
-            sigma2_variance=float(slope @ minimum.covariance @ slope),
-            sigma_across=float(across),
-            offset=found.parameters[OFFSET],
-            diagnostics={
-                "forcing": np.exp(found.strengths[FAST]),
-                "lean_sd": np.exp(found.strengths[SLOW]),
-                "noise_px": np.exp(found.strengths[NOISE]) * focal_px,
-                "damping": found.parameters[DAMPING],
-                "stiffness": found.parameters[STIFFNESS],
-                "rounds": found.rounds,
-                "offset_if_fixed_m": solved.fixed,
-                "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
-            }
-            | (_of_jib(found) if jib.moves else {}),
-        )
+        of_sigma = float(slope @ minimum.covariance @ slope) / np.maximum(4 * sigma**2, 1e-300)
+        level, quantile = self.intervals.level, iv.student(self.intervals.level, np.inf)
+        posterior = Intervals(
+            "posterior", level, iv.radial(beta, of_beta, across_tilt, quantile),
+            iv.radial(sigma, of_sigma, across_tilt, quantile), iv.radial(alpha, along, across, quantile)[None],
+            None, "sigma is that of this record",
+        )  # fmt: skip
+        diagnostics = {
+            "forcing": np.exp(found.strengths[FAST]),
+            "lean_sd": np.exp(found.strengths[SLOW]),
+            "noise_px": np.exp(found.strengths[NOISE]) * focal_px,
+            "damping": found.parameters[DAMPING],
+            "stiffness": found.parameters[STIFFNESS],
+            "rounds": found.rounds,
+            "offset_if_fixed_m": solved.fixed,
+            "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
+        } | (_of_jib(found) if jib.moves else {})
+        return Estimates(
+            self.name, np.ones(1, bool), np.array([""]), frames.count.astype(np.int64), beta,
+            np.arctan2(tilt[1], tilt[0])[None] % (2 * np.pi), sigma, alpha[None], found.parameters[OFFSET][None],
+            (posterior, self._by_blocks(frames, alpha, sigma)),
+            {name: np.array([value]) for name, value in diagnostics.items()},
+        )  # fmt: skip
 
-    def _state(self, frames: Frames, motion: EstimatedMotion) -> Estimates:
-        """Add σ of a distribution, by blocks; the tilt's uncertainty is the posterior's."""
-        found, level = super()._state(frames, motion), self.intervals.level
+    def _by_blocks(self, frames: Frames, alpha: Array, sigma: Array) -> Intervals:
+        """σ of a distribution, by blocks; the tilt's uncertainty is the posterior's."""
         assert frames.time is not None
         block, blocks = iv.block_of(frames.time, self.intervals)
-        ends, note = None, "of sigma alone; for beta and alpha see the posterior"
+        ends, note, level = None, "of sigma alone; for beta and alpha see the posterior", self.intervals.level
         if blocks < self.intervals.min_blocks:
             note = iv.too_few(blocks, self.intervals)
         else:
-            influence = (found.alpha**2 - found.sigma[:, None] ** 2)[:, None]
+            influence = (alpha**2 - sigma**2)[None, None]
             variance = iv.block_covariance(influence, np.array([float(len(block))]), block, blocks)[:, 0, 0]
-            ends = iv.of_scale(found.sigma, variance, np.zeros(1), iv.student(level, np.array([blocks - 1.0])))
-        by_blocks = Intervals("blocks", level, None, ends, None, blocks, note)
-        return replace(found, intervals=(*found.intervals, by_blocks))
+            ends = iv.of_scale(sigma, variance, np.zeros(1), iv.student(level, np.array([blocks - 1.0])))
+        return Intervals("blocks", level, None, ends, None, blocks, note)
 
 
 def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> Array:

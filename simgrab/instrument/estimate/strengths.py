@@ -78,10 +78,10 @@ class Weighed:
         return np.clip(best.x, low, high)
 
 
-def excess(
-    residual: Array, precision: Array, freedom: int, least: float, across: int, usual: float | None = None
-) -> Array:
+def excess(residual: Array, precision: Array, freedom: int, least: float, across: int) -> Array:
     """Force in each step over the greatest that a grab that swings freely feels, shape (k,).
+
+    The usual squared force is twice the median.
 
     Parameters
     ----------
@@ -95,9 +95,7 @@ def excess(
         Least usual squared force.
     across : int
         Steps that are averaged over.
-    usual : float, optional
-        Usual squared force; by default twice the median.
     """
     force = np.einsum("ni,nij,nj->n", residual, precision, residual) / freedom
     force = scipy.ndimage.uniform_filter1d(force, across)
-    return np.asarray(force / (BEYOND * (usual or max(2 * float(np.median(force)), least))))
+    return np.asarray(force / (BEYOND * max(2 * float(np.median(force)), least)))

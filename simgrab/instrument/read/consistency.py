@@ -14,15 +14,12 @@ back, 2 ((d − s) / v − h), or half of that at either end of a record; for d 
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.model.records.observations import Reading
 
 ROUNDING = 1e-9  # of numbers as stored
 
@@ -114,37 +111,3 @@ def _longest(t: Array, r: Array, hoist: Hoist) -> NDArray[np.int64]:
         agree = np.abs(r[i] - r[done:i]) <= hoist.reach(t[i] - t[done:i]) + ROUNDING
         longest[i] = 1 + max(best_until, int(np.where(agree, longest[done:i], 0).max(initial=0)))
     return longest
-
-
-def checked(times: Array, readings: Sequence[Reading], hoist: Hoist | None = None) -> tuple[Reading, ...]:
-    """Mark as jumps the readings of a record that are not `consistent`; refusals stay unchanged.
-
-    Parameters
-    ----------
-    times : ndarray, shape (n,)
-        Seconds, increasing.
-    readings : sequence of n Reading
-    hoist : Hoist, optional
-
-    Returns
-    -------
-    tuple of n Reading
-        A jump has the status ``"jump"`` and no rope length.
-    """
-    hoist = hoist or Hoist()
-    times = np.asarray(times, float)
-    lengths = np.array([np.nan if r.hoist_m is None or not r.ok else r.hoist_m for r in readings], float)
-    believed = consistent(times, lengths, hoist)
-    trusted = np.flatnonzero(believed)
-    result = list(readings)
-    for i in np.flatnonzero(np.isfinite(lengths) & ~believed).tolist():
-        reason = "another reading is equally likely"
-        if len(trusted):
-            near = trusted[np.abs(times[trusted] - times[i]).argmin()]
-            apart = abs(times[near] - times[i])
-            reason = (
-                f"{abs(lengths[i] - lengths[near]):.2f} m from the {lengths[near]:.2f} m read {apart:.2f} s "
-                f"{'before' if near < i else 'after'}; the hoist makes {float(hoist.reach(np.asarray(apart))):.2f} m"
-            )
-        result[i] = dataclasses.replace(readings[i], status="jump", reason=reason, rope_length_m=None)
-    return tuple(result)

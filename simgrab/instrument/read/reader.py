@@ -33,8 +33,6 @@ class Reader:
     ----------
     model : path
         File that `simgrab train reader` wrote.
-    threads : int
-        Threads of the runtime; eight digits are too little work for more than one.
 
     Attributes
     ----------
@@ -54,8 +52,8 @@ class Reader:
     'refused'
     """
 
-    def __init__(self, model: str | Path = READER_WEIGHTS, *, threads: int = 1) -> None:
-        self._net = open_net(model, ReaderError, threads)
+    def __init__(self, model: str | Path = READER_WEIGHTS) -> None:
+        self._net = open_net(model, ReaderError, threads=1)  # eight digits are too little work for more
         known = self._net.metadata.get(METADATA)
         inputs, outputs = (tuple(shape[1:] for shape in e.values()) for e in (self._net.inputs, self._net.outputs))
         floats = self._net.types == ("tensor(float)",)
@@ -71,7 +69,7 @@ class Reader:
         if not np.allclose(sums, 1, atol=1e-3):
             raise ReaderError(f"{model} is not a digit reader: its probabilities do not add up to 1")
 
-    def read(self, picture: Picture, layout: Layout | None, *, display_constant_m: float = 0.0) -> Reading:
+    def read(self, picture: Picture, layout: Layout) -> Reading:
         """Read the display in a picture.
 
         Parameters
@@ -79,20 +77,16 @@ class Reader:
         picture : ndarray of uint8, shape (height, width, 3) or (height, width)
             RGB or grey.
         layout : Layout
-            Where the digits are, e.g. a calibration's ``digit_layout``, which must state one. It is scaled to a picture
-            of another size with the same aspect ratio.
-        display_constant_m : float
-            |OA| minus the hoist rope's length on the display, from the calibration.
+            Where the digits are, e.g. a calibration's ``digit_layout``. It is scaled to a picture of another size with
+            the same aspect ratio.
 
         Raises
         ------
         ReaderError, LayoutError
             If the array is not a picture, or the layout does not fit it.
         """
-        if layout is None:
-            raise ReaderError("no digit layout: the camera TOML states no display to read")
         layout = fitted(picture, layout)
-        return reading(self.probabilities(crops(picture, layout)), layout, self.threshold, display_constant_m)
+        return reading(self.probabilities(crops(picture, layout)), layout, self.threshold)
 
     def probabilities(self, entered: Crops) -> Crops:
         """Probability of each digit and of "no digit", shape (n, 11), for crops of shape (n, 1, 32, 32)."""
@@ -102,7 +96,7 @@ class Reader:
         return np.asarray(result, np.float32)
 
 
-def reading(probabilities: Crops, layout: Layout, threshold: float, display_constant_m: float = 0.0) -> Reading:
+def reading(probabilities: Crops, layout: Layout, threshold: float) -> Reading:
     """Compose a reading from the probabilities, shape (8, 11), of a layout's cells.
 
     |OA| follows from the hoist rope alone: doubt about a digit of the closing rope does not refuse it.
@@ -113,10 +107,8 @@ def reading(probabilities: Crops, layout: Layout, threshold: float, display_cons
     hoist, closing = layout.written("".join(DIGITS[np.where(doubtful, NO_DIGIT, best)])).split()
     if doubtful[:4].any():
         reason = _why(best, confidence, doubtful, threshold)
-        return Reading("refused", reason, hoist, closing, confidence, None, None, None)
-    hoist_m = layout.length(hoist)
-    closing_m = None if doubtful[4:].any() else layout.length(closing)
-    return Reading("read", "", hoist, closing, confidence, hoist_m, closing_m, hoist_m + display_constant_m)
+        return Reading("refused", reason, hoist, closing, None)
+    return Reading("read", "", hoist, closing, layout.length(hoist))
 
 
 def _why(best: np.ndarray, confidence: np.ndarray, doubtful: np.ndarray, threshold: float) -> str:

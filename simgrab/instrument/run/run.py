@@ -6,7 +6,7 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ import numpy as np
 
 from simgrab.errors import RunError, SourceError
 from simgrab.instrument import alarm
-from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.measure import estimate_json
@@ -50,8 +49,6 @@ class RunOptions:
         Whether to write the annotated video.
     rate_hz : float or None
         Frame rate of pictures in a folder, or of a video without time stamps.
-    rule : Rule
-        Rule of the alarm.
     paper : bool
         Whether the report compares with the paper's figures of its own video.
     """
@@ -59,7 +56,6 @@ class RunOptions:
     live: bool = False
     video: bool = True
     rate_hz: float | None = None
-    rule: Rule = field(default_factory=Rule)
     paper: bool = False
 
 
@@ -160,7 +156,6 @@ def measure(
     instrument: Instrument,
     *,
     source: str = "",
-    rule: Rule | None = None,
 ) -> Run:
     """Measure a record, writing nothing.
 
@@ -188,7 +183,7 @@ def measure(
         raise RunError(f"{len(measured)} measurements of {len(notes.names)} frames; one for each frame is required")
     speed = {"frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds}
     tilt = None if record is None else record.tilt
-    return _conclude(notes, measured, calibration, instrument, source, rule or Rule(), record, tilt, speed)
+    return _conclude(notes, measured, calibration, instrument, source, record, tilt, speed)
 
 
 def _whole(
@@ -200,8 +195,8 @@ def _whole(
     The drawn angles are known only after the whole record is measured, and its pictures are too many to keep.
     """
     frames = _counted(source, progress)
-    found = measure(frames, calibration, instrument, source=source.name, rule=options.rule)
-    with OverlayVideo(folder / VIDEO if folder and options.video else None, options.rule) as overlay:
+    found = measure(frames, calibration, instrument, source=source.name)
+    with OverlayVideo(folder / VIDEO if folder and options.video else None) as overlay:
         if folder is None:
             return found, overlay
         again = _Notes()
@@ -246,7 +241,7 @@ class _Parts:
         faults: list[Fault] = []
         tilt: Known | None = None
         begun = time.perf_counter()
-        with OverlayVideo(folder / VIDEO if folder and options.video else None, options.rule) as overlay:
+        with OverlayVideo(folder / VIDEO if folder and options.video else None) as overlay:
             try:
                 first = next(self._live, None) if self._first is None else self._first
                 for one in itertools.chain([first] if first else [], self._live):
@@ -275,9 +270,7 @@ class _Parts:
             "frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds,
             "latency_median_s": float(np.median(latency)), "latency_p99_s": float(np.quantile(latency, 0.99)),
         }  # fmt: skip
-        found = _conclude(
-            notes, measured, self._calibration, self._instrument, self._source.name, options.rule, None, tilt, speed
-        )
+        found = _conclude(notes, measured, self._calibration, self._instrument, self._source.name, None, tilt, speed)
         return replace(found, about=found.about | {"faults": msgspec.to_builtins(faults)}), overlay
 
 
@@ -329,11 +322,11 @@ def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:
 
 def _conclude(
     notes: _Notes, measured: Iterable[Measurement], calibration: Calibration, instrument: Instrument, source: str,
-    rule: Rule, record: MeasuredRecord | None, tilt: Known | None, speed: dict[str, Any],
+    record: MeasuredRecord | None, tilt: Known | None, speed: dict[str, Any],
 ) -> Run:  # fmt: skip
     measurements = tuple(measured)
     time_s = None if None in notes.times else np.array(notes.times, float)
-    found = () if time_s is None else alarm.events(time_s, measurements, rule)
+    found = () if time_s is None else alarm.events(time_s, measurements)
     early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNING, alarm.warning)
     estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
@@ -346,8 +339,6 @@ def _conclude(
         "tilt": None if tilt is None else msgspec.to_builtins(tilt),
         "assumed": assumptions(calibration, record, tilt, instrument, measurements, timed=time_s is not None),
         "above_10_deg": alarm.share(*np.array([(m.alpha, m.alpha_low, m.alpha_high) for m in measurements], float).T),
-        "rule": {"raised_at": rule.raised_at, "frames": rule.frames, "quiet_s": rule.quiet_s,
-                 "released_at_deg": float(np.rad2deg(rule.released_at))},
         "warnings": runs.alarms(early),
         "notes": [*notes.notes, *reported.pop("notes", ()), *cut],
         "speed": speed,

@@ -42,13 +42,6 @@ _PARTS = {
 _TEXT = ("status", "reason", "rope_text", "rope_status")
 
 
-class _Ruled(msgspec.Struct, frozen=True):
-    raised_at: float
-    frames: int
-    released_at_deg: float
-    quiet_s: float
-
-
 class _Estimated(msgspec.Struct, frozen=True):
     estimator: str
 
@@ -68,7 +61,6 @@ class Facts(msgspec.Struct, frozen=True):
     source: str
     timed: bool
     counts: _Counts
-    rule: _Ruled
     estimate: _Estimated | None
     tilt: Known | None
 

@@ -15,7 +15,7 @@ import numpy as np
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
-from simgrab.instrument.alarm import DANGER, SCALE, Rule
+from simgrab.instrument.alarm import ALARM, DANGER, SCALE
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.io.playback import FRAGMENTED
 
@@ -27,7 +27,7 @@ _TICKS_PER_S = 90_000
 _X264 = {"preset": "veryfast", "crf": "26", "bf": "0", "g": "50"}  # no B-frames: fragments need pictures in order
 _QUALITY = 80
 _CALM: Colour = (70, 200, 90)
-_ALARM: Colour = (255, 60, 50)
+_DANGEROUS: Colour = (255, 60, 50)
 _NOTHING: Colour = (160, 160, 160)
 _UNTIMED_HZ = 9
 
@@ -41,14 +41,14 @@ class OverlayVideo:
         JPEGs of the largest swing, and of the largest swing in every alarm, by frame.
     """
 
-    def __init__(self, path: Path | None, rule: Rule) -> None:
-        self._path, self._rule = path, rule
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
         self._file = None if path is None else av.open(str(path), "w", format="mp4", container_options=FRAGMENTED)
         self._stream: VideoStream | None = None
         self._last: Picture | None = None
         self._index = self._pts = -1
         self._start = 0.0
-        self._album = _Album(rule)
+        self._album = _Album()
 
     def __enter__(self) -> OverlayVideo:
         return self
@@ -107,8 +107,7 @@ class _Still:
 class _Album:
     """Keeps the picture of the largest swing, and of the largest swing in each stretch that may be an alarm."""
 
-    def __init__(self, rule: Rule) -> None:
-        self._rule = rule
+    def __init__(self) -> None:
         self._largest: _Still | None = None
         self._peaks: list[_Still] = []
         self._until = -math.inf  # the end of the present stretch, unless it goes on
@@ -120,11 +119,11 @@ class _Album:
 
     def offer(self, index: int, time_s: float | None, alpha: float, drawn: Picture) -> None:
         largest = self._largest is None or alpha > self._largest.alpha
-        high = alpha >= self._rule.released_at and time_s is not None
+        high = alpha >= ALARM.released_at and time_s is not None
         anew = high and time_s is not None and time_s > self._until
         peak = high and (anew or alpha > self._peaks[-1].alpha)
         if high and time_s is not None:
-            self._until = time_s + self._rule.quiet_s
+            self._until = time_s + ALARM.quiet_s
         if not (largest or peak):
             return
         quality = [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
@@ -140,7 +139,7 @@ def annotate(picture: Picture, measured: Measurement, scale: float = 1.0) -> Pic
     """Draw a measurement into a picture, shape (h, w, 3), that is ``scale`` times the measured one's size."""
     drawn = picture.copy()
     unit = max(picture.shape[0] / 540, 0.5)
-    colour = _NOTHING if measured.alpha is None else _ALARM if measured.alpha > DANGER else _CALM
+    colour = _NOTHING if measured.alpha is None else _DANGEROUS if measured.alpha > DANGER else _CALM
     thick = max(round(1.6 * unit), 1)
     if measured.box is not None:
         x0, y0, x1, y1 = (round(scale * edge) for edge in measured.box)
@@ -150,7 +149,7 @@ def annotate(picture: Picture, measured: Measurement, scale: float = 1.0) -> Pic
         cv2.drawMarker(drawn, at, colour, cv2.MARKER_CROSS, round(22 * unit), thick)
     _gauge(drawn, measured, colour, unit)
     if measured.alpha is not None and measured.alpha > DANGER:
-        cv2.rectangle(drawn, (0, 0), (drawn.shape[1] - 1, drawn.shape[0] - 1), _ALARM, max(round(6 * unit), 2))
+        cv2.rectangle(drawn, (0, 0), (drawn.shape[1] - 1, drawn.shape[0] - 1), _DANGEROUS, max(round(6 * unit), 2))
     return drawn
 
 
@@ -178,7 +177,7 @@ def _gauge(drawn: Picture, measured: Measurement, colour: Colour, unit: float) -
         return left + round((right - left) * min(angle / SCALE, 1.0))
 
     cv2.line(drawn, (left, y), (right, y), _NOTHING, max(round(unit), 1))
-    cv2.line(drawn, (along(DANGER), y - round(7 * unit)), (along(DANGER), y + round(7 * unit)), _ALARM, 2)
+    cv2.line(drawn, (along(DANGER), y - round(7 * unit)), (along(DANGER), y + round(7 * unit)), _DANGEROUS, 2)
     if measured.alpha is not None:
         cv2.line(drawn, (left, y), (along(measured.alpha), y), colour, max(round(7 * unit), 2))
 

@@ -27,7 +27,7 @@ _PARTS: dict[str, list[str]] = {
         *(f"{way}_{name}" for way in ("u", "v", "radial", "box_radial") for name in _MEAN),
     ],
     "detection.coverage": ["centre"],
-    **{f"reading.{name}": _numbers(values.Share) for name, kind in get_type_hints(values.GroupScore).items()
+    **{f"reading.{name}": _numbers(values.Share) for name, kind in get_type_hints(values.ReadingScore).items()
        if kind is values.Share},
     "reading": ["jumps"], "reading.length": _numbers(values.Lengths),
     **{f"angle.{name}": _ERRORS for name in ("overall", "above_8_deg", *(f"by_rope.{name}" for name in ROPE_BINS_M))},

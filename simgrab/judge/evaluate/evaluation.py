@@ -8,7 +8,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from simgrab.instrument.alarm import Rule
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Run
@@ -18,9 +17,9 @@ from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
 from simgrab.judge.evaluate.swings import HARDLY_SWINGS_DEG
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.judge.evaluate.values import Evaluation
+from simgrab.judge.evaluate.values import Evaluation, ReadingScore
 from simgrab.model.geometry import Array
-from simgrab.model.records.observations import Detection, Reading
+from simgrab.model.records.observations import Detection
 
 
 def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float | None = None) -> Evaluation:
@@ -47,7 +46,6 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
     """
     run = run if isinstance(run, Run) else runs.load(run)
     known = known if isinstance(known, Truths) else truths.of(run, known, start_s)
-    rule = rule_of(run)
     found = {
         "run": {
             "source": run.source,
@@ -60,11 +58,11 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "reading": of_reading(run, known),
         "angle": swings.angles(run.alpha, known.alpha, known.rope_length, known.weather),
         "interval": swings.coverage(run.measurements, known.alpha),
-        "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha, rule),
-        "warning": _of_warning(run, known.alpha, rule),
+        "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha),
+        "warning": _of_warning(run, known.alpha),
         "budget": budget(run, known),
     }
-    return msgspec.convert(found, Evaluation)
+    return msgspec.convert(found, Evaluation, from_attributes=True)
 
 
 def _still(true: Array) -> str:
@@ -74,16 +72,10 @@ def _still(true: Array) -> str:
     return f"The grab hardly swings (standard deviation {known.std():.2f}°), so these errors say little."
 
 
-def _of_warning(run: Run, true: Array, rule: Rule) -> dict[str, Any] | None:
+def _of_warning(run: Run, true: Array) -> dict[str, Any] | None:
     if run.time is None or all(m.warning is None for m in run.measurements):
         return None
-    return warnings.score(run.time, run.measurements, true, alarm=rule)
-
-
-def rule_of(run: Run) -> Rule:
-    """Find the rule of a run's alarms."""
-    rule = run.about["rule"]
-    return Rule(rule["raised_at"], rule["frames"], float(np.deg2rad(rule["released_at_deg"])), rule["quiet_s"])
+    return warnings.score(run.time, run.measurements, true)
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
@@ -132,14 +124,14 @@ def _detection(m: Measurement) -> Detection:
     )  # fmt: skip
 
 
-def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
+def of_reading(run: Run, known: Truths) -> ReadingScore | None:
     """Score readings of the display and lengths; None if the instrument outputs neither.
 
     If it outputs a text for any frame, a frame without one counts as refused.
     """
     texts = any(m.rope_text is not None for m in run.measurements)
     reads = [
-        Read(str(i), "all", _digits(row.rope_text), _digits(row.rope_text_below or row.rope_text), _reading(m))
+        Read(str(i), *map(_digits, (row.rope_text, row.rope_text_below or row.rope_text, m.rope_text or UNREAD)))
         for i, (m, row) in enumerate(zip(run.measurements, known.rows, strict=True))
         if texts and row is not None and row.rope_text is not None and m.status != "lost"
     ]
@@ -148,25 +140,9 @@ def of_reading(run: Run, known: Truths) -> dict[str, Any] | None:
     off = off[np.isfinite(off)]
     if not reads and not len(off):
         return None
-    scores = msgspec.to_builtins(reading.score(reads))
-    return scores | {
-        "jumps": sum(m.rope_status == "jump" for m in run.measurements),
-        "length": {
-            "frames": len(off),
-            "median_m": float(np.median(off)) if len(off) else None,
-            "p95_m": float(np.quantile(off, 0.95)) if len(off) else None,
-            "max_m": float(off.max()) if len(off) else None,
-        },
-    }
+    return reading.score(reads, sum(m.rope_status == "jump" for m in run.measurements), off)
 
 
 def _digits(text: str) -> str:
     """Both numbers of a display without the points that some show."""
     return text.replace(".", "")
-
-
-def _reading(m: Measurement) -> Reading:
-    text = _digits(m.rope_text or UNREAD)
-    hoist, _, closing = text.partition(" ")
-    status = "refused" if "?" in text else "read"
-    return Reading(status, "", hoist, closing, np.ones(8), None, None, None)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.alarm import DANGER, Event, Rule, danger, events
+from simgrab.instrument.alarm import ALARM, DANGER, Event, danger, events
 from simgrab.instrument.contract import Measurement
 from simgrab.judge.evaluate.detection import ROPE_BINS_M
 from simgrab.model.geometry import Array
@@ -69,18 +69,16 @@ def coverage(measurements: Sequence[Measurement], true: Array) -> dict[str, Any]
     }
 
 
-def true_events(times: Array, true: Array, rule: Rule) -> tuple[Event, ...]:
+def true_events(times: Array, true: Array) -> tuple[Event, ...]:
     """Events of the true swing, by the same rule: from the first frame beyond 10°."""
     known = [
         Measurement(status="ok", alpha=a) if math.isfinite(a) else Measurement(status="lost", reason="not known")
         for a in true.tolist()
     ]
-    return events(times, known, rule)
+    return events(times, known)
 
 
-def alarms(
-    times: Array, measurements: Sequence[Measurement], raised: Sequence[Event], true: Array, rule: Rule
-) -> dict[str, Any]:
+def alarms(times: Array, measurements: Sequence[Measurement], raised: Sequence[Event], true: Array) -> dict[str, Any]:
     """Compare alarms with the events of the true swing.
 
     Returns
@@ -91,7 +89,7 @@ def alarms(
         more than a second before, and for the others the ``delays`` in frames, negative if the alarm came before, and
         their ``median_delay``; ``precision`` and ``recall`` of single frames beyond 10°, among frames with an angle.
     """
-    real = true_events(times, true, rule)
+    real = true_events(times, true)
     sure = [e for e in real if e.alpha > SURELY]
     delays, already_on = [], 0
     for event in real:
@@ -101,7 +99,7 @@ def alarms(
         elif reports:
             delays.append(reports[0].first - event.first)
     false = [f for f in raised if not swings_in(times, true, f)]
-    said = np.array([danger(m) >= rule.raised_at for m in measurements], bool)
+    said = np.array([danger(m) >= ALARM.raised_at for m in measurements], bool)
     given = np.array([m.alpha is not None for m in measurements], bool) & np.isfinite(true)
     said, real_danger = said[given], true[given] > DANGER
     both = int((said & real_danger).sum())

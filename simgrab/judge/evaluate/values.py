@@ -93,22 +93,20 @@ class Lengths(msgspec.Struct, frozen=True):
 
 
 class Wrong(msgspec.Struct, frozen=True):
-    """A frame read wrong: its name and group, what the display shows, and what was read."""
+    """A frame read wrong: its name, what the display shows, and what was read."""
 
     frame: str
-    group: str
     shows: str
     read: str
 
 
-class GroupScore(msgspec.Struct, frozen=True):
-    """How the displays of a group of frames were read.
+class ReadingScore(msgspec.Struct, frozen=True):
+    """How the displays of frames were read, and errors of the rope's length.
 
     All shares except ``torn_…`` count frames whose display did not tear.
 
     Attributes
     ----------
-    group : str
     digits_right, digits_refused : Share
         Right digits among digits that were read; refused digits among all.
     frames_right, frames_refused : Share
@@ -119,9 +117,11 @@ class GroupScore(msgspec.Struct, frozen=True):
         as a mixture.
     wrong : list of Wrong
         Every frame read wrong, torn or whole.
+    jumps : int
+        Readings that the hoist is too slow to have reached.
+    length : Lengths
     """
 
-    group: str
     digits_right: Share
     digits_refused: Share
     frames_right: Share
@@ -129,11 +129,6 @@ class GroupScore(msgspec.Struct, frozen=True):
     torn_right: Share
     torn_refused: Share
     wrong: list[Wrong]
-
-
-class ReadingScore(GroupScore, frozen=True):
-    """Digits and frames read from the display, jumps of the length, and its errors."""
-
     jumps: int
     length: Lengths
 

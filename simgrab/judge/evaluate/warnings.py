@@ -19,9 +19,7 @@ UNSURE = 0.05, 0.95  # forecasts between these count for reliability; most frame
 _AROUND = 3  # frames on each side that a measured turning point exceeds
 
 
-def score(
-    times: Array, measurements: Sequence[Measurement], true: Array, rule: Rule = WARNING, alarm: Rule | None = None
-) -> dict[str, Any]:
+def score(times: Array, measurements: Sequence[Measurement], true: Array, rule: Rule = WARNING) -> dict[str, Any]:
     """Compare forecasts of a record with its true swings (n,), rad.
 
     Parameters
@@ -32,8 +30,6 @@ def score(
         NaN where it is not known.
     rule : Rule
         Of the warnings.
-    alarm : Rule, optional
-        Of the true events, as in `simgrab.judge.evaluate.swings.alarms`.
 
     Returns
     -------
@@ -41,7 +37,7 @@ def score(
         As `simgrab.judge.evaluate.values.Warnings`.
     """
     raised = [msgspec.structs.replace(w, end_s=w.end_s + HORIZON_S) for w in events(times, measurements, rule, warning)]
-    sure = [e for e in true_events(times, true, alarm or Rule()) if e.alpha > SURELY]
+    sure = [e for e in true_events(times, true) if e.alpha > SURELY]
     met = [next((w for w in raised if meet(e, w)), None) for e in sure]
     leads = [min(e.onset_s - w.onset_s, HORIZON_S) for e, w in zip(sure, met, strict=True) if w is not None]
     false = sum(not swings_in(times, true, w) for w in raised)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 
 from simgrab.errors import BenchError
-from simgrab.instrument.alarm import Rule, events
+from simgrab.instrument.alarm import events
 from simgrab.judge.evaluate import swings
 from simgrab.lab.bench.entry import Answers, Entry, MethodDescription
 from simgrab.lab.bench.files import ClipTruth
@@ -165,10 +165,9 @@ def _covers(answers: Answers, target: ClipTruth) -> Array:
 def _alarms(pairs: Sequence[tuple[Answers, ClipTruth]]) -> dict[str, IntervalEstimate]:
     due = missed = false = 0
     delays = list[int]()
-    rule = Rule()
     for answers, target in pairs:
         measured = answers.measurements
-        found = swings.alarms(target.times, measured, events(target.times, measured, rule), target.alpha, rule)
+        found = swings.alarms(target.times, measured, events(target.times, measured), target.alpha)
         due, missed, false = due + found["sure"], missed + found["missed"], false + found["false"]
         delays += found["delays"]
     return {

@@ -55,33 +55,20 @@ class Reading:
     Attributes
     ----------
     status : str
-        ``"read"``, ``"refused"``, or ``"jump"``: read, but the rope cannot have got there since the readings around it.
+        ``"read"`` or ``"refused"``.
     reason : str
-        Reason of a refusal or jump; empty when read.
+        Reason of a refusal; empty when read.
     hoist_text, closing_text : str
         As the display writes them, with ``?`` for a digit that was refused.
-    confidence : ndarray, shape (8,)
-        Confidence of each digit, 0 to 1: hoist rope, then closing rope, from left to right.
-    hoist_m, closing_m : float or None
-        Lengths on the display; None when refused. The closing rope's length is also None if only the hoist rope was
-        read, which is enough for |OA|.
-    rope_length_m : float or None
-        |OA|: hoist rope plus the display's constant; None unless read.
+    hoist_m : float or None
+        Length of the hoist rope on the display; None when refused.
     """
 
     status: str
     reason: str
     hoist_text: str
     closing_text: str
-    confidence: Array
     hoist_m: float | None
-    closing_m: float | None
-    rope_length_m: float | None
-
-    @property
-    def ok(self) -> bool:
-        """Whether the reading is accepted."""
-        return self.status == "read"
 
     @property
     def text(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,19 +48,12 @@ class Preintegrated:
         Mean specific force, m/s².
     rate : ndarray, shape (k − 1, 3)
         Mean angular rate, rad/s.
-    rate_slope : ndarray, shape (k − 1,)
-        Angular acceleration about the mount frame's z axis, rad/s².
     """
 
     step: Array
     turn: Array
     force: Array
     rate: Array
-    rate_slope: Array
-
-    def part(self, some: slice) -> Preintegrated:
-        """Keep some of the steps."""
-        return Preintegrated(*(getattr(self, one.name)[some] for one in fields(self)))
 
 
 def preintegrate(time: Array, imu: ImuReadings, mount_from_camera: Array) -> Preintegrated:
@@ -82,5 +75,4 @@ def preintegrate(time: Array, imu: ImuReadings, mount_from_camera: Array) -> Pre
         turn[on] = turn[on] @ half @ half
         turned[on] += rate[i] * piece[i, None]
     step = np.diff(time)
-    at_nodes = np.interp(time, imu.time, rates[:, 2])
-    return Preintegrated(step, turn, gained / step[:, None], turned / step[:, None], np.diff(at_nodes) / step)
+    return Preintegrated(step, turn, gained / step[:, None], turned / step[:, None])

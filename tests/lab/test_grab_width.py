@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simgrab.instrument.estimate.grab_width import swing_by_width
+from simgrab.lab.paper.grab_width import swing_by_width
 from simgrab.model.geometry import eq2_cos_alpha
 
 
