@@ -1,9 +1,9 @@
 """Score a detector on datasets: ``python -m scripts.score_detector DATASET... [--detector …] [--json FILE]``.
 
-Prints, overall and by weather: COCO mAP, recall and false boxes with their intervals and in how many worlds any grab
-was missed or any box was false, the centre's error and bias with the box centre's bias beside it, and how often stated
-intervals hold; then the centre by rope length, and the time. Datasets in YOLO's or COCO's layout, such as of real
-frames, are scored apart by their boxes, overall and by video.
+Prints, overall, of grabs that the picture's edge cuts, and by weather: COCO mAP, recall and false boxes with their
+intervals and in how many worlds any grab was missed or any box was false, the centre's error and bias with the box
+centre's bias beside it, and how often stated intervals hold; then the centre by rope length, and the time. Datasets in
+YOLO's or COCO's layout, such as of real frames, are scored apart by their boxes, overall and by video.
 """
 
 from __future__ import annotations
@@ -73,7 +73,12 @@ def show(scores: dict[str, Any]) -> None:
     """Print the tables."""
     console = Console(width=WIDTH)
     if "overall" in scores:
-        groups = {"overall": scores["overall"], "half visible or more": scores["half_visible"]} | scores["by_weather"]
+        parts = {
+            "overall": "overall",
+            "half visible or more": "half_visible",
+            "cut off by the picture's edge": "cut_off",
+        }
+        groups = {name: scores[key] for name, key in parts.items()} | scores["by_weather"]
         console.print(boxes_table(scores["detector"], groups))
         console.print(centres_table({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
     if "real" in scores:

@@ -71,6 +71,13 @@ def test_a_perfect_detector_scores_1(known):
     assert f["coverage"]["centre"] is None
 
 
+def test_grabs_that_the_edge_cuts_are_scored_apart(known):
+    rows = [msgspec.structs.replace(row, in_frame_fraction=0.9 if row.frame % 2 else 1.0) for row in known.rows]
+    some = [dataclasses.replace(case, truth=row) for case, row in zip(cases(known, perfect), rows, strict=True)]
+    cut = [case for case in some if case.labelled and case.truth.frame % 2]
+    assert 0 < detection.score(some)["cut_off"]["labelled"] == len(cut) < len(some)
+
+
 def test_a_planted_shift_is_seen(known):
     f = detection.figures(cases(known, lambda row: moved(perfect(row), centre=(2.0, 0.0))))
     assert f["centre"]["median_px"] == pytest.approx(2)

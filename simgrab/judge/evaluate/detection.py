@@ -100,6 +100,11 @@ class Case(Boxes):
         """Whether at least half of the grab is visible behind obstacles and weather."""
         return self.truth.visible_fraction >= HALF and self.truth.weather_hidden_fraction <= HALF
 
+    @property
+    def cut_off(self) -> bool:
+        """Whether the picture's edge cuts a part of the grab off."""
+        return self.labelled and self.truth.in_frame_fraction < 1
+
 
 def cases(dataset: Dataset, detections: Sequence[Detection]) -> list[Case]:
     """Join a dataset's rows with their detections, in the rows' order."""
@@ -117,13 +122,15 @@ def score(some: Sequence[Case]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``overall``; ``half_visible``, for frames without a grab and frames that show at least half of it;
-        ``by_weather``; each as `figures` gives. ``by_rope``: centre errors in bins of rope length.
+        ``overall``; ``half_visible``, for frames without a grab and frames that show at least half of it; ``cut_off``,
+        for grabs that the picture's edge cuts; ``by_weather``; each as `figures` gives. ``by_rope``: centre errors in
+        bins of rope length.
     """
     weathers = sorted({case.weather for case in some})
     return {
         "overall": figures(some),
         "half_visible": figures([case for case in some if case.empty or case.half_visible]),
+        "cut_off": figures([case for case in some if case.cut_off]),
         "by_weather": {name: figures([case for case in some if case.weather == name]) for name in weathers},
         "by_rope": {
             name: centre_errors([c for c in some if c.hits and low <= c.truth.rope_length_m < high])
