@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FOLDER, PATH
+from simgrab.cli._options import FOLDER
 
 
 @click.command()
@@ -14,13 +14,8 @@ from simgrab.cli._options import FOLDER, PATH
 @click.option(
     "--replications", type=click.IntRange(20, 100_000), default=1000, show_default=True, help="M; the paper's is 1000."
 )
-@click.option(
-    "--grab-width",
-    type=PATH,
-    help="A rendered dataset, for the comparison by grab width (section 4.6).",
-)
 @click.option("--seed", type=click.IntRange(0, 2**53), default=0, show_default=True)
-def command(out: Path, replications: int, seed: int, grab_width: Path | None) -> None:
+def command(out: Path, replications: int, seed: int) -> None:
     """Run section 4.4 of the paper and print published and measured values side by side.
 
     Writes the figures (SVG and PNG) and paper.html, which needs no other file, into the folder OUT.
@@ -37,10 +32,4 @@ def command(out: Path, replications: int, seed: int, grab_width: Path | None) ->
     console.print("Contradictions within the text of the paper:")
     for section, text in INCONSISTENT:
         console.print(f"  {section}: {text}", markup=False)
-    if grab_width is not None:
-        from simgrab.lab.paper import grab_width as by_width
-
-        console.print("Section 4.6, comparison by grab width:")
-        for line in by_width.summary_lines(by_width.study(grab_width)):
-            console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
     console.print(f"page: {cell(out / 'paper.html')}", soft_wrap=True)
