@@ -134,7 +134,7 @@ DETECTOR = (*PLACES, *PHOTOGRAPHS, *NEGATIVE, *HUNG, *JUDGED)
 # The second training begins with the nets of the first one, and adds these to what is learned from.
 ADDED = ("night", *list(NEGATIVES)[2:])
 # The third begins with the nets of the second one, and learns from other frames, many of the four-rope grab; what comes
-# out lies half way, so that nothing learned before is forgotten.
+# out lies half way, so that nothing learned before is forgotten. So does the fourth, with the same frames.
 MORE = tuple(
     replace(one, name=f"more-{one.name}", frames=one.frames // 3, quick=one.quick // 3, seed=one.seed + 200)
     for one in sorted(DETECTOR, key=lambda one: one.name)
@@ -184,7 +184,7 @@ def only(scenario: Scenario, key: str, names: Sequence[str]) -> Scenario:
 def detector(
     work: Path, *, quick: bool, workers: int, threads: int, device: str, loaders: int, without: str | None
 ) -> list[Path]:
-    """Train the detector's nets, three times, or once without a collection of shapes; returns them."""
+    """Train the detector's nets, four times, or once without a collection of shapes; returns them."""
     from simgrab.training.detector.settings import Recipes, recipes
     from simgrab.training.detector.train import NETS, train
 
@@ -203,14 +203,17 @@ def detector(
     paths = rendered(DETECTOR, work, quick=quick, workers=workers)
     kept = [path for path in paths if without is None or not path.name.startswith(f"{without}-")]
     some = [path for path in kept if not path.name.startswith(ADDED)]
-    first, second, last = (work / name for name in ("detector-1", "detector-2", "detector"))
+    first, second, third, last = (work / name for name in ("detector-1", "detector-2", "detector-3", "detector"))
     # Where to, what the nets begin with, what is learned from, the seed, and the share of the trained weights.
     trainings: list[tuple[Path, Path | None, list[Path], int, float]]
     if without:
         trainings = [(work / f"without-{without}", None, some, 0, 1.0)]
     else:
         more = rendered((*MORE, FOUR_ROPE), work, quick=quick, workers=workers) + paths[-len(JUDGED) :]
-        trainings = [(first, None, some, 0, 1.0), (second, first, paths, 0, 1.0), (last, second, more, 1, 0.5)]
+        trainings = [
+            (first, None, some, 0, 1.0), (second, first, paths, 0, 1.0), (third, second, more, 1, 0.5),
+            (last, third, more, 2, 0.5),
+        ]  # fmt: skip
     for into, start, learned, seed, share in trainings:
         if (into / f"{NETS[-1]}.md").exists():  # a card is written last
             continue
