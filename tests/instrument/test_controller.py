@@ -1,15 +1,14 @@
 """The controller's data: one crane in any units, files that are wrong, and the clock's offset."""
 
 import dataclasses
-import sys
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import swinging
 import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,9 +21,6 @@ from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run.run import _controller
 from simgrab.io.strict import convert
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
 
 TIME = np.arange(600) / 10
 SLEW, RADIUS = 0.3 + 1.5 * np.sin(TIME / 9), 22 + 3 * np.cos(TIME / 15)

@@ -3,12 +3,11 @@
 import dataclasses
 import json
 import re
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+import swinging
 from click.testing import CliRunner
 from scipy.signal import lfilter
 
@@ -28,9 +27,6 @@ from simgrab.instrument.run.run import run
 from simgrab.model import scenes
 from simgrab.model.geometry import camera_rotation, rotation_z, to_camera
 from simgrab.world.trajectory.trajectory import Trajectory
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
 
 LEVELLED = {"camera.mount": {"model": "levelled"}}
 FRAMES = 700  # 78 s: a whole working cycle

@@ -3,12 +3,11 @@
 import dataclasses
 import math
 import re
-import sys
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+import swinging
 from scipy.interpolate import CubicSpline
 
 from simgrab.errors import CalibrationError, RecordError, RunError
@@ -29,9 +28,6 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.records.observations import Detection, Reading
 from simgrab.world.trajectory.trajectory import Trajectory
 from tests.instrument.test_controller_fusion import controller
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
 
 FRAMES = 900
 

@@ -4,7 +4,6 @@ import dataclasses
 import itertools
 import json
 import re
-import sys
 from pathlib import Path
 
 import av
@@ -13,7 +12,11 @@ import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import swinging
+from browser import needs_chromium, shown
 from click.testing import CliRunner
+from films import film, picture
+from oracle import Oracle
 
 from simgrab.cli import cli
 from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
@@ -35,12 +38,6 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.calibration import load as load_camera
 from simgrab.model.layouts import load as layout
 from simgrab.model.truth import Row
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
-from browser import needs_chromium, shown
-from films import film, picture
-from oracle import Oracle
 
 SIZE = (640, 360)
 

@@ -4,9 +4,7 @@ import base64
 import itertools
 import json
 import shutil
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 from urllib.parse import quote
 
 import cv2
@@ -15,12 +13,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 from films import film, picture
 from http_requests import ask
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import simgrab
 from simgrab.errors import DatasetError, SimgrabError
