@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from conftest import altered
 from pycocotools.coco import COCO
 
 import simgrab
@@ -18,12 +19,6 @@ from simgrab.errors import DatasetError
 from simgrab.instrument.source import open_source
 from simgrab.model import calibration
 from simgrab.model.records import frame_files
-
-
-@pytest.fixture
-def copy(dataset, tmp_path):
-    shutil.copytree(dataset, tmp_path / "copy")
-    return tmp_path / "copy"
 
 
 def test_a_dataset_reads_as_it_lies(copy):
@@ -66,11 +61,7 @@ def test_what_is_no_dataset_is_refused(copy, tmp_path):
 def test_a_dataset_names_no_picture_outside(copy, name):
     outside = copy.parent / "picture.jpg"
     shutil.copy(copy / datasets.read(copy).rows[0].file, outside)
-    table = pq.read_table(copy / "labels.parquet")
-    names = table["file"].to_pylist()
-    names[2] = name.format(outside=outside)
-    place = table.schema.get_field_index("file")
-    pq.write_table(table.set_column(place, table.schema.field(place), [names]), copy / "labels.parquet")
+    altered(copy, "file", lambda names: [*names[:2], name.format(outside=outside), *names[3:]])
     for read in (datasets.read, open_source):
         with pytest.raises(DatasetError, match=r"frame 2 names the image .*, which is not in the dataset"):
             read(copy)
@@ -112,14 +103,6 @@ def test_paths_that_cannot_be_are_refused_in_one_line(copy):
         altered(copy, "file", lambda names, name=name: [*names[:-1], name])
         with pytest.raises(DatasetError, match=why):
             datasets.read(copy)
-
-
-def altered(path, column, change):
-    """Rewrite a column of a dataset's labels."""
-    table = pq.read_table(path / "labels.parquet")
-    place = table.schema.get_field_index(column)
-    values = change(table[column].to_pylist())
-    pq.write_table(table.set_column(place, column, [values]), path / "labels.parquet")
 
 
 @pytest.mark.parametrize(

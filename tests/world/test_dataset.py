@@ -1,4 +1,3 @@
-import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -7,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from conftest import SMALL, as_options, small_scene
+from conftest import SMALL, as_options, digests, small_scene
 
 from simgrab.cli import cli
 from simgrab.dataset.manifest import identity
@@ -17,12 +16,6 @@ from simgrab.io.journal import Journal, differences
 from simgrab.judge.audit.audit import audit
 from simgrab.model import scenes
 from simgrab.model.truth import columns
-
-
-def digest(path: Path) -> dict[str, str]:
-    """Digest of every file in a folder."""
-    files = sorted(p for p in path.rglob("*") if p.is_file())
-    return {str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
 def test_layout_and_columns(dataset, scene):
@@ -80,11 +73,11 @@ def test_the_summary_states_what_was_drawn_and_how_much_was_clamped(tmp_path):
 
 def test_the_manifest_and_the_command_line_give_the_same_bytes(dataset, tmp_path):
     render(scenes.load(dataset / "manifest.json"), tmp_path / "again")
-    assert digest(tmp_path / "again") == digest(dataset)
+    assert digests(tmp_path / "again") == digests(dataset)
     command = ["render", "quay-day", *as_options(SMALL), "--out", str(tmp_path / "cli"), "--quiet", "--workers", "1"]
     done = CliRunner().invoke(cli, command)
     assert (done.exit_code, done.output) == (0, "")
-    assert digest(tmp_path / "cli") == digest(dataset)
+    assert digests(tmp_path / "cli") == digests(dataset)
 
 
 def test_a_longer_dataset_begins_with_the_shorter(dataset, scene, tmp_path):
@@ -98,12 +91,12 @@ def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):
     out = tmp_path / "half"
     with pytest.raises(KeyboardInterrupt):
         render(scene, out, progress=Stopping(1))
-    before = digest(out)
+    before = digests(out)
     with pytest.raises(DatasetError, match=r"unfinished.*--resume"):
         render(scene, out)
     with pytest.raises(DatasetError, match="seed differs"):
         render(small_scene(seed=5), out, resume=True)
-    assert digest(out) == before
+    assert digests(out) == before
 
 
 def test_what_differs_is_named_on_whichever_side_it_lies():
@@ -114,13 +107,13 @@ def test_what_differs_is_named_on_whichever_side_it_lies():
 
 
 def test_a_finished_folder_is_never_touched(dataset, scene):
-    before = digest(dataset)
+    before = digests(dataset)
     with pytest.raises(DatasetError, match=r"finished dataset.*--out"):
         render(scene, dataset)
     with pytest.raises(DatasetError, match="another dataset"):
         render(small_scene(seed=5), dataset, resume=True)
     assert render(scene, dataset, resume=True).made == 0
-    assert digest(dataset) == before
+    assert digests(dataset) == before
 
 
 def test_a_dataset_killed_while_it_cleaned_up_is_finished(dataset, scene, tmp_path):
@@ -128,7 +121,7 @@ def test_a_dataset_killed_while_it_cleaned_up_is_finished(dataset, scene, tmp_pa
     rows = tmp_path / "out" / ".partial" / "rows"
     rows.mkdir(parents=True)
     assert render(scene, tmp_path / "out", resume=True).made == 0
-    assert digest(tmp_path / "out") == digest(dataset)
+    assert digests(tmp_path / "out") == digests(dataset)
 
 
 @pytest.mark.slow
@@ -185,7 +178,7 @@ def test_a_full_disk_is_reported_and_survived(dataset, scene, tmp_path, monkeypa
         render(scene, tmp_path / "full")
     monkeypatch.undo()
     assert render(scene, tmp_path / "full", resume=True).made < scene.frames
-    assert digest(tmp_path / "full") == digest(dataset)
+    assert digests(tmp_path / "full") == digests(dataset)
 
 
 def test_two_writers_do_not_share_a_folder(scene, tmp_path):
