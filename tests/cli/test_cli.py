@@ -83,16 +83,6 @@ def test_a_wrong_option_ends_in_one_line(arguments, begins, ends, monkeypatch, c
     assert said[:-1].isprintable()
 
 
-def test_an_error_is_one_line_whatever_a_file_is_called(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["simgrab", "detect", "no\nsuch\x1b[31m\udcff.jpg"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    said = capsys.readouterr().err
-    assert r"no\nsuch\x1b[31m\xff.jpg" in said
-    assert said.count("\n") == 1
-
-
 @pytest.mark.parametrize(
     ("problem", "status", "line"),
     [
