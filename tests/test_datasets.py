@@ -146,17 +146,6 @@ def test_frames_and_times_of_a_clip_increase(copy, columns, why):
         datasets.read(copy)
 
 
-def test_reading_starts_no_threads(dataset):
-    """One of Arrow's that lets go of Python's bytes while Python ends aborts the process, now and then."""
-    counts = (
-        "import os, sys; from simgrab.dataset import datasets; count = lambda: len(os.listdir('/proc/self/task'));"
-        "before = count(); datasets.read(sys.argv[1]); print(before, count())"
-    )
-    told = subprocess.run([sys.executable, "-c", counts, str(dataset)], capture_output=True, text=True, check=True)
-    before, after = told.stdout.split()
-    assert before == after
-
-
 def test_a_dataset_is_a_sequence_of_its_frames(split_dataset):
     data = simgrab.open(split_dataset)
     assert data == datasets.read(split_dataset)
