@@ -12,6 +12,7 @@ import swinging
 import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from swinging import nobody
 
 from simgrab.errors import RecordError, RunError
 from simgrab.instrument import pipeline as rooms
@@ -410,10 +411,6 @@ def test_another_record_is_refused():
         clock_offset(reading(rope=15 + (ROPE - 15) / 2), frames, 15 + 0.1 * np.sin(frames))
     with pytest.raises(RecordError, match=r"no time in common: 0\.0 to 59\.9 s and 100\.0 to .* time\.start"):
         clock_offset(reading(), frames + 95, displayed(frames, 0.5))
-
-
-def nobody(_picture):
-    raise AssertionError("no picture is to be looked at")
 
 
 def test_the_controllers_rope_replaces_a_display():

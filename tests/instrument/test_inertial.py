@@ -10,6 +10,7 @@ import pytest
 import swinging
 from click.testing import CliRunner
 from scipy.signal import lfilter
+from swinging import nobody
 
 import simgrab
 from simgrab.cli.estimate import command
@@ -398,10 +399,6 @@ def test_a_stream_has_no_sensor(crane, tmp_path, monkeypatch):
     with pytest.raises(RunError, match="a stream cannot be used"):
         run("rtsp://camera/1", crane.calibration, tmp_path / "run", pipeline)
     assert not (tmp_path / "run").exists()
-
-
-def nobody(_picture):
-    raise AssertionError("no picture is to be looked at")
 
 
 def test_a_sensor_without_a_display_is_refused(crane):
