@@ -1,10 +1,13 @@
 import contextlib
 import fcntl
+import hashlib
 import importlib.util
 import json
 import os
+import shutil
 import signal
 
+import pyarrow.parquet as pq
 import pytest
 
 from scripts.without_room import ROOMS
@@ -78,6 +81,20 @@ def by_yolo(folder, split, *, oriented=False):
         yield int(path.rsplit("/", 1)[1].split(".")[0]), picture, detections
 
 
+def digests(folder):
+    """Digest of every file in a folder, by its path there."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def altered(path, column, change):
+    """Rewrite a column of a dataset's labels."""
+    table = pq.read_table(path / "labels.parquet")
+    place = table.schema.get_field_index(column)
+    values = change(table[column].to_pylist())
+    pq.write_table(table.set_column(place, column, [values]), path / "labels.parquet")
+
+
 def slow_but(cases, *fast):
     """Cases of a parametrized test, all but ``fast`` of them marked slow."""
     return [
@@ -119,6 +136,12 @@ def rendered_once(tmp_path_factory, name, scene):
 def dataset(scene, tmp_path_factory):
     """A finished small dataset; copy it before changing it."""
     return rendered_once(tmp_path_factory, "small", scene)
+
+
+@pytest.fixture
+def copy(dataset, tmp_path):
+    """A copy of the small dataset, to be changed."""
+    return shutil.copytree(dataset, tmp_path / "copy")
 
 
 @pytest.fixture(scope="session")

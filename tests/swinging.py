@@ -1,12 +1,13 @@
 """Records of the world's own motion without its pictures: what a perfect detector and reader would say, and noise."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from simgrab.dataset.tables import calibration_of
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.observation import Observation
 from simgrab.model import scenes
 from simgrab.model.calibration import Calibration
@@ -40,6 +41,31 @@ class Swinging:
                      rope_text=text, rope_status="read", hoist_m=layout.lengths(text)[0])
             for time, (u, v), text in zip(self.time.tolist(), pixels.tolist(), texts, strict=True)
         ]  # fmt: skip
+
+
+@dataclass
+class Feed:
+    """A controller that is followed: it writes every so many seconds, and tells the ``latest_s`` up to then."""
+
+    data: Controller
+    states_rope: bool = True
+    states_motion: bool = False
+    every_s: float = 0.0
+    latest_s: float = 20.0
+    problem: str = ""
+    news: str = ""
+
+    def poll(self, now):
+        data, until = self.data, now // self.every_s * self.every_s if self.every_s else now
+        some = (data.time <= until) & (data.time > now - self.latest_s)
+        told = {name: getattr(data, name) for name in ("time", "slew", "radius", "rope")}
+        known = {name: values[some] for name, values in told.items() if values is not None}
+        return replace(data, **known) if some.sum() > 1 else None
+
+
+def nobody(_picture):
+    """A detector, or a reader, of records that are measured already."""
+    raise AssertionError("no picture is to be looked at")
 
 
 @cache

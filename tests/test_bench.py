@@ -2,7 +2,6 @@
 
 import re
 
-import click
 import msgspec
 import numpy as np
 import pytest
@@ -98,44 +97,13 @@ def test_what_differs_between_the_runs_is_named(fields, expected):
     assert [line for line in compare(RESULTS, changed(**fields)) if "different" in line] == [expected]
 
 
-BAD = {
-    "no JSON": (lambda data: data[:40], "not valid JSON"),
-    "a list": (lambda _: b"[]", "must be a table"),
-    "no samples": (lambda data: data.replace(b"[300.0]", b"[]"), "quantities.1.samples"),
-    "text for a sample": (lambda data: data.replace(b"300.0", b'"fast"'), "quantities.1.samples.0"),
-    "no number": (lambda data: data.replace(b"300.0", b"NaN"), "must be a finite number"),
-    "an unknown key": (lambda data: data.replace(b'"verb"', b'"work"'), "work"),
-    "no machine": (lambda data: data.replace(b'"machine"', b'"MACHINE"'), "MACHINE"),
-    "one quantity twice": (lambda data: data.replace(b'"memory"', b'"frame"'), "more than one 'frame'"),
-    "in another unit": (lambda data: data.replace(b'"ms"', b'"s"'), "'frame' is in ms in A and in s in B"),
-    "nothing in common": (lambda data: re.sub(rb'"name":"', b'"name":"x ', data), "nothing to compare"),
-}
-
-
-@pytest.mark.parametrize("bad", BAD)
-def test_bad_files_are_refused_in_one_line(bad, tmp_path):
-    spoil, expected = BAD[bad]
-    a, b = tmp_path / "a.json", tmp_path / "b.json"
-    RESULTS.save(a)
-    b.write_bytes(spoil(msgspec.json.encode(RESULTS)))
-    with pytest.raises(SimgrabError) as problem:
-        bench.main(["compare", str(a), str(b)], standalone_mode=False)
-    assert expected in str(problem.value)
-    assert "\n" not in str(problem.value)
-
-
-def test_files_that_are_not_there_and_folders_are_refused(tmp_path):
-    for path in (tmp_path, tmp_path / "none.json"):
-        with pytest.raises(SimgrabError, match=re.escape(str(path))):
-            bench.main(["compare", str(path), str(path)], standalone_mode=False)
-    with pytest.raises(SimgrabError, match="it is a folder"):
-        bench.main(["world", "--json", str(tmp_path)], standalone_mode=False)
-
-
-@pytest.mark.parametrize("arguments", [["compare", "a"], ["scale", "--size", "big"], ["render", "--frames", "0"]])
-def test_arguments_without_a_meaning_are_refused(arguments):
-    with pytest.raises((SimgrabError, click.UsageError)):
-        bench.main(arguments, standalone_mode=False)
+@pytest.mark.parametrize(
+    ("fields", "why"), [({"unit": "s"}, "'frame' is in ms in A and in s in B"), ({"name": "x"}, "nothing to compare")]
+)
+def test_what_has_another_unit_or_name_is_not_compared(fields, why):
+    other = changed(quantities=(msgspec.structs.replace(FRAME, **fields),))
+    with pytest.raises(SimgrabError, match=why):
+        list(compare(RESULTS, other))
 
 
 def test_acts_take_turns_and_warm_up_untimed():

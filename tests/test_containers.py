@@ -2,22 +2,18 @@
 
 import contextlib
 import struct
-import sys
-from pathlib import Path
 
 import av
 import cv2
 import numpy as np
 import pytest
 from conftest import slow_but
+from films import film
 
 from simgrab.dataset.video.coder import Coder
 from simgrab.errors import SourceError
 from simgrab.instrument.video import Video
 from simgrab.model.scenario import Camera, Clip
-
-sys.path.insert(0, str(Path(__file__).parent))
-from films import film
 
 COUNT, SIZE, TICKS = 12, (128, 72), 90_000
 NOT_SENT = 7

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from conftest import altered
 from pycocotools.coco import COCO
 
 import simgrab
@@ -19,12 +20,6 @@ from simgrab.errors import DatasetError
 from simgrab.instrument.source import open_source
 from simgrab.model import calibration
 from simgrab.model.records import frame_files
-
-
-@pytest.fixture
-def copy(dataset, tmp_path):
-    shutil.copytree(dataset, tmp_path / "copy")
-    return tmp_path / "copy"
 
 
 def test_a_dataset_reads_as_it_lies(copy):
@@ -67,11 +62,7 @@ def test_what_is_no_dataset_is_refused(copy, tmp_path):
 def test_a_dataset_names_no_picture_outside(copy, name):
     outside = copy.parent / "picture.jpg"
     shutil.copy(copy / datasets.read(copy).rows[0].file, outside)
-    table = pq.read_table(copy / "labels.parquet")
-    names = table["file"].to_pylist()
-    names[2] = name.format(outside=outside)
-    place = table.schema.get_field_index("file")
-    pq.write_table(table.set_column(place, table.schema.field(place), [names]), copy / "labels.parquet")
+    altered(copy, "file", lambda names: [*names[:2], name.format(outside=outside), *names[3:]])
     for read in (datasets.read, open_source):
         with pytest.raises(DatasetError, match=r"frame 2 names the image .*, which is not in the dataset"):
             read(copy)
@@ -115,14 +106,6 @@ def test_paths_that_cannot_be_are_refused_in_one_line(copy):
             datasets.read(copy)
 
 
-def altered(path, column, change):
-    """Rewrite a column of a dataset's labels."""
-    table = pq.read_table(path / "labels.parquet")
-    place = table.schema.get_field_index(column)
-    values = change(table[column].to_pylist())
-    pq.write_table(table.set_column(place, column, [values]), path / "labels.parquet")
-
-
 @pytest.mark.parametrize(
     ("column", "value"),
     [
@@ -163,17 +146,6 @@ def test_frames_and_times_of_a_clip_increase(copy, columns, why):
         return
     with pytest.raises(DatasetError, match=why):
         datasets.read(copy)
-
-
-def test_reading_starts_no_threads(dataset):
-    """One of Arrow's that lets go of Python's bytes while Python ends aborts the process, now and then."""
-    counts = (
-        "import os, sys; from simgrab.dataset import datasets; count = lambda: len(os.listdir('/proc/self/task'));"
-        "before = count(); datasets.read(sys.argv[1]); print(before, count())"
-    )
-    told = subprocess.run([sys.executable, "-c", counts, str(dataset)], capture_output=True, text=True, check=True)
-    before, after = told.stdout.split()
-    assert before == after
 
 
 def test_a_dataset_is_a_sequence_of_its_frames(split_dataset):

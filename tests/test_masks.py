@@ -1,7 +1,6 @@
 """Masks from COCO files are those that were written, or are refused in one line."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -31,12 +30,6 @@ def test_a_mask_is_the_one_that_was_written(size, share):
 def test_run_lengths_that_do_not_hold_the_picture_are_refused(counts):
     with pytest.raises(ValueError, match=r"run lengths|RLE"):
         masks._decoded(counts, 10, 10)
-
-
-@pytest.fixture
-def copy(dataset, tmp_path):
-    shutil.copytree(dataset, tmp_path / "copy")
-    return tmp_path / "copy"
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from simgrab.io.strict import _fields as types_of
 from simgrab.io.strict import _structs_of as structs_of
 from simgrab.judge.check.suite import Limit, Suite
 from simgrab.model import calibration, layouts, scenes
-from simgrab.model.distributions import Choice, Constant, Normal, Uniform
-from simgrab.model.scenario import Camera, Iid, Image, Light, OneOf, Scenario, Vibration
+from simgrab.model.distributions import Constant, Uniform
+from simgrab.model.scenario import Camera, Iid, Image, OneOf, Scenario, Vibration
 
 CAMERA = calibration.Calibration(640, 480, 500.0, 320.0, 240.0)
 LAYOUT = layouts.load("two-by-four")
@@ -85,37 +85,22 @@ def test_a_scenario_of_either_door_has_one_digest():
 @pytest.mark.parametrize(
     ("make", "error", "key"),
     [
-        (lambda: Camera(beta_deg=500), ScenarioError, "beta_deg: must be a number <= 30"),
-        (lambda: msgspec.structs.replace(scenes.load("quay-day"), frames=-3), ScenarioError, "frames: must be a whole"),
-        (lambda: Scenario(frames=True), ScenarioError, "frames: must be a whole number, got True"),
         (lambda: Scenario(frames=10**12), ScenarioError, "frames: must be a whole number <="),
-        (lambda: Camera(width_px=10**9), ScenarioError, "width_px: must be a whole number <="),
         (lambda: Camera(mount=Vibration()), ScenarioError, "mount"),
-        (lambda: Image(format="bmp"), ScenarioError, "format: must be one of: jpeg, png"),
         (lambda: Image(shadow_map_px=10**9), ScenarioError, "shadow_map_px: must be one of"),
-        (lambda: Light(sun=0.0, sky=0.0), ScenarioError, "must not all be 0"),
         (lambda: Iid(rope_length_m="7"), ScenarioError, "rope_length_m: must be a number or a table such as { dist = "),
         (lambda: Iid(rope_length_m=1e300), ScenarioError, "rope_length_m: must be a number <="),
-        (lambda: Iid(rope_length_m=True), ScenarioError, "rope_length_m: must be a number or a table"),
         (lambda: Uniform(2.0, 1.0), ScenarioError, "low must not exceed high"),
         (lambda: Uniform(-1e300, 1e300), ScenarioError, "low"),
-        (lambda: Normal(sd=-1.0), ScenarioError, "sd"),
-        (lambda: Choice(()), ScenarioError, "values"),
         (lambda: OneOf(tuple(range(10_001))), ScenarioError, "values"),
         (lambda: OneOf((object(),)), ScenarioError, "values.0: <object"),
         (lambda: OneOf(("\udcff",)), ScenarioError, "values.0: must be UTF-8"),
-        (lambda: msgspec.structs.replace(CAMERA, width_px=0), CalibrationError, "width_px"),
         (lambda: msgspec.structs.replace(CAMERA, focal_length_px=math.inf), CalibrationError, "focal_length_px"),
-        (lambda: msgspec.structs.replace(CAMERA, offset_m=(0.0, 1e9, 0.0)), CalibrationError, "offset_m.1"),
-        (lambda: msgspec.structs.replace(LAYOUT, decimals=7), LayoutError, "decimals"),
         (lambda: msgspec.structs.replace(LAYOUT, width_px=100), LayoutError, "outside the picture"),
-        (lambda: Known("x", 0, 3.0, 0.0, None, ()), CalibrationError, "frames"),
         (lambda: Known("x", 1, 3.0, 0.0, None, ((1.0,), (1.0, 2.0))), CalibrationError, ""),
         (lambda: Rule(raised_at=2.0), RunError, "raised_at"),
-        (lambda: Rule(frames=True), RunError, "frames: must be a whole number, got True"),
         (lambda: Limit(), SuiteError, "lower, upper or both"),
         (lambda: Suite("mine", {}), SuiteError, "a suite needs scenes"),
-        (lambda: Suite("mine", {"a": {"scene": "b"}}, seeds=0), SuiteError, "seeds"),
     ],
 )
 def test_impossible_structs_are_refused_in_one_line(make, error, key):

@@ -32,7 +32,7 @@ def save(path, nodes, inputs, outputs, weights=(), facts=None, metadata=None):
     return path
 
 
-def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), kind=TensorProto.FLOAT, metadata=None):
+def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), metadata=None):
     """A net that says the same of every picture."""
     out = np.asarray(out, np.float32)
     nodes = [
@@ -41,7 +41,7 @@ def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), kind=TensorProto.FLOAT
         helper.make_node("Add", ["rows", "z"], ["output"]),
     ]
     weights = [("zero", np.float32(0)), ("rows", out)]
-    inputs, outputs = [("images", kind, list(shape))], [("output", list(out.shape))]
+    inputs, outputs = [("images", TensorProto.FLOAT, list(shape))], [("output", list(out.shape))]
     return save(path, nodes, inputs, outputs, weights, metadata=metadata)
 
 
@@ -52,7 +52,7 @@ def rows(count, columns):
     return result
 
 
-def hand_made(folder, *, heat=4.0, presence=3.0, task=POSE, yaw=0.0, glow=0.0, calibration=None):
+def hand_made(folder, *, heat=4.0, presence=3.0, yaw=0.0, glow=0.0, calibration=None):
     """Nets that see a grab in the brightest part of the picture, in the middle of the pose net's crop.
 
     ``yaw`` is what the pose net outputs, rad, and ``glow`` how much is added to its logit in a crop that is all light.
@@ -87,6 +87,6 @@ def hand_made(folder, *, heat=4.0, presence=3.0, task=POSE, yaw=0.0, glow=0.0, c
         folder / "pose.onnx", pose,
         [("pictures", TensorProto.UINT8, ["n", POSE_SIZE, POSE_SIZE, 6])], [("pose", ["n", 16])],
         [("axes", np.array([1, 2], np.int64)), ("light", light), ("rows", rows)],
-        {"task": task, "settings": {"least_heat": 0.2}, "calibration": calibration or {}},
+        {"task": POSE, "settings": {"least_heat": 0.2}, "calibration": calibration or {}},
     )  # fmt: skip
     return folder

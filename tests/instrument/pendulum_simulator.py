@@ -145,13 +145,15 @@ def forced(
 
 def seen(
     rng: np.random.Generator, record: Record, project: Callable[[np.ndarray], np.ndarray], *,
-    rotation: np.ndarray, offset: np.ndarray, noise_px: float = 1.0, missing: float = 0.1, outliers: float = 0.02,
-    size_px: tuple[int, int] = (1920, 1080),
+    rotation: np.ndarray, offset: np.ndarray, missing: float = 0.0, outliers: float = 0.0,
 ) -> np.ndarray:  # fmt: skip
-    """Pixels (M, n, 2) of the grab; ``rotation`` is jib_from_camera and ``offset`` (M, 3) the camera's place."""
+    """Pixels (M, n, 2) of the grab, with 1 px of noise; ``missing`` and ``outliers`` are shares of the frames.
+
+    ``rotation`` is jib_from_camera and ``offset`` (M, 3) the camera's place.
+    """
     grab = record.direction * record.rope[:, None]
     pixels = project((grab - offset[:, None]) @ rotation)
-    pixels = pixels + rng.normal(size=pixels.shape) * noise_px
+    pixels = pixels + rng.normal(size=pixels.shape)
     wild = rng.random(pixels.shape[:2]) < outliers
-    pixels = np.where(wild[..., None], rng.random(pixels.shape) * size_px, pixels)
+    pixels = np.where(wild[..., None], rng.random(pixels.shape) * (1920, 1080), pixels)
     return np.where((rng.random(pixels.shape[:2]) < missing)[..., None], np.nan, pixels)

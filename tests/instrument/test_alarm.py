@@ -31,10 +31,10 @@ def record(degrees, *, sd=0.0):
     return np.arange(len(alpha)) / RATE, measured
 
 
-def swing(peak, seconds=40.0, period=9.0):
-    """|α| of a swing that dies away from its first turn, degrees."""
-    t = np.arange(round(seconds * RATE)) / RATE
-    return np.abs(peak * np.cos(2 * np.pi * t / period)) * np.exp(-t / 60)
+def swing(peak):
+    """|α| of a swing of 9 s that dies away from its first turn for 40 s, degrees."""
+    t = np.arange(round(40 * RATE)) / RATE
+    return np.abs(peak * np.cos(2 * np.pi * t / 9)) * np.exp(-t / 60)
 
 
 def test_a_swing_that_passes_10_degrees_on_both_sides_is_one_event():
@@ -126,7 +126,7 @@ def test_the_share_of_frames_above_10_degrees_holds_in_simulated_records():
     swings = pendulum.forced(rng, 80, 60.0, pendulum.Hoist(20.0, 20.0, 0.0, 1.0), np.radians(5.5), 0.01)
     turned = camera_rotation(np.radians(3.0), 0.7, 0.0)
     project, at = camera().intrinsics.project, np.zeros((80, 3))
-    pixels = pendulum.seen(rng, swings, project, rotation=turned, offset=at, outliers=0.0)
+    pixels = pendulum.seen(rng, swings, project, rotation=turned, offset=at, missing=0.1)
     found = MeanRay(intervals=WORKING).batch(pixels, camera(), time=swings.time)
     shares = np.array([list(above(found[i]).values()) for i in range(80)], float)
     true = np.mean(swings.alpha > DANGER, axis=1)

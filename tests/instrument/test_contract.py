@@ -31,15 +31,8 @@ def record():
     rng = np.random.default_rng(7)
     swing = pendulum.free(rng, 1, 14.5, pendulum.Hoist(24.0, 16.0, 1.0, 12.0), np.deg2rad(3), 0.005)
     rotation = camera_rotation(np.deg2rad(4.0), 1.1, 0.0)
-    pixels = pendulum.seen(
-        rng,
-        swing,
-        CAMERA.intrinsics.project,
-        rotation=rotation,
-        offset=np.array([[0.2, -0.1, 0.0]]),
-        missing=0,
-        outliers=0,
-    )[0]
+    place = np.array([[0.2, -0.1, 0.0]])
+    pixels = pendulum.seen(rng, swing, CAMERA.intrinsics.project, rotation=rotation, offset=place)[0]
     return pixels, swing.rope, swing.time
 
 

@@ -1,18 +1,18 @@
 """The controller's data: one crane in any units, files that are wrong, and the clock's offset."""
 
 import dataclasses
-import sys
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import swinging
 import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from swinging import nobody
 
 from simgrab.errors import RecordError, RunError
 from simgrab.instrument import pipeline as rooms
@@ -22,9 +22,6 @@ from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run.run import _controller
 from simgrab.io.strict import convert
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
 
 TIME = np.arange(600) / 10
 SLEW, RADIUS = 0.3 + 1.5 * np.sin(TIME / 9), 22 + 3 * np.cos(TIME / 15)
@@ -414,10 +411,6 @@ def test_another_record_is_refused():
         clock_offset(reading(rope=15 + (ROPE - 15) / 2), frames, 15 + 0.1 * np.sin(frames))
     with pytest.raises(RecordError, match=r"no time in common: 0\.0 to 59\.9 s and 100\.0 to .* time\.start"):
         clock_offset(reading(), frames + 95, displayed(frames, 0.5))
-
-
-def nobody(_picture):
-    raise AssertionError("no picture is to be looked at")
 
 
 def test_the_controllers_rope_replaces_a_display():

@@ -1,11 +1,10 @@
 """What the controller reports of slewing and luffing drives the pendulum and tilts the camera."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+import swinging
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
@@ -16,9 +15,6 @@ from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
 from simgrab.instrument.estimate.pendulum_fit import _digging
 from simgrab.model.scenario import Camera, LevelledMount
 from simgrab.world.trajectory.mount import Mount
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
 
 G = 9.80665
 

@@ -1,11 +1,10 @@
 """A controller's data with one mistake in their description: the swing does not follow, and the mistake is named."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+import swinging
 from scipy.signal import lfilter
 
 from simgrab.instrument.estimate import PendulumSmoother, RopeAware
@@ -14,9 +13,6 @@ from simgrab.instrument.estimate.pendulum_smoother import NOT_CONVERGED
 from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.model.records.estimates import Estimate
 from tests.instrument.test_controller_fusion import controller
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
 
 REFUSED = Estimate(status="refused", reason=NOT_CONVERGED)
 FORCED = Estimate(diagnostics={"forcing": 1e-2, "lean_sd": 5e-3, "follows": 0.0, "longer_m": -1.6})

@@ -1,12 +1,10 @@
 """Forecasts of the swing: exact where the motion is known, from no later frames, and as frequent as they state."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from swinging import record
 
 from simgrab.instrument import forecast as fc
 from simgrab.instrument.alarm import DANGER
@@ -16,9 +14,6 @@ from simgrab.instrument.forecast import Forecaster, State, forecast, joined
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from swinging import record
 
 RATE = 9.0
 

@@ -3,14 +3,14 @@
 import dataclasses
 import json
 import re
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+import swinging
 from click.testing import CliRunner
 from scipy.signal import lfilter
+from swinging import nobody
 
 import simgrab
 from simgrab.cli.estimate import command
@@ -29,27 +29,24 @@ from simgrab.model import scenes
 from simgrab.model.geometry import camera_rotation, rotation_z, to_camera
 from simgrab.world.trajectory.trajectory import Trajectory
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
-
 LEVELLED = {"camera.mount": {"model": "levelled"}}
 FRAMES = 700  # 78 s: a whole working cycle
 
 
-def scenario(noise, frames, seed=100):
+def scenario(noise="mems"):
     return scenes.load("work-cycles", {
-        "display.layout": "two-by-four", "frames": frames, "seed": seed, **LEVELLED,
+        "display.layout": "two-by-four", "frames": FRAMES, "seed": 100, **LEVELLED,
         "sensors.imu0": {"model": "imu", "mount": "camera", "noise": noise},
     })  # fmt: skip
 
 
 @cache
-def recording(noise="mems", frames=FRAMES, seed=100):
-    return simgrab.sensors(scenario(noise, frames, seed))["imu0"]
+def recording(noise):
+    return simgrab.sensors(scenario(noise))["imu0"]
 
 
-def readings(noise="mems", frames=FRAMES, seed=100):
-    got = recording(noise, frames, seed)
+def readings(noise="mems"):
+    got = recording(noise)
     return ImuReadings(got.stamp_ns / 1e9, got.values[:, :3], got.values[:, 3:], np.eye(3))
 
 
@@ -100,7 +97,7 @@ def test_readings_are_summed_between_nodes_that_lie_anywhere():
 
 @pytest.mark.parametrize("noise", ["none", "mems"])
 def test_a_sensor_tells_how_the_jib_head_moves_and_but_for_a_constant_how_the_camera_leans(crane, noise):
-    story = Trajectory(scenario(noise, FRAMES))
+    story = Trajectory(scenario(noise))
     turn = np.array([story.at(frame).tilt.jib_from_camera for frame in range(FRAMES)])
     leans = -(turn @ camera_rotation(0.0, 0.0, 0.0).T)[:, :2, 2]
     (slew, radius), steps = crane.jib.T, np.diff(crane.time)
@@ -248,7 +245,7 @@ def test_a_sensor_belongs_to_one_record(crane):
 
 @pytest.fixture
 def folder(tmp_path):
-    got, about = recording(), scenario("mems", FRAMES).sensors["imu0"]
+    got, about = recording("mems"), scenario().sensors["imu0"]
     (tmp_path / "sensor.yaml").write_text(yaml(about, got.body_from_sensor), encoding="utf-8")
     rows = "\n".join(
         f"{stamp},{','.join(map(repr, row))}" for stamp, row in zip(got.stamp_ns, got.values.tolist(), strict=True)
@@ -261,7 +258,7 @@ def test_files_are_read_as_they_were_recorded(folder):
     found, expected = read_imu(folder), readings()
     for name in ("time", "rate", "force", "camera_from_sensor"):
         assert np.array_equal(getattr(found, name), getattr(expected, name))
-    errors = scenario("mems", FRAMES).sensors["imu0"].errors
+    errors = scenario().sensors["imu0"].errors
     assert found.gyroscope_noise_density == errors.gyroscope_noise_density
     assert found.accelerometer_random_walk == errors.accelerometer_random_walk
 
@@ -402,10 +399,6 @@ def test_a_stream_has_no_sensor(crane, tmp_path, monkeypatch):
     with pytest.raises(RunError, match="a stream cannot be used"):
         run("rtsp://camera/1", crane.calibration, tmp_path / "run", pipeline)
     assert not (tmp_path / "run").exists()
-
-
-def nobody(_picture):
-    raise AssertionError("no picture is to be looked at")
 
 
 def test_a_sensor_without_a_display_is_refused(crane):

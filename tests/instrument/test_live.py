@@ -1,15 +1,16 @@
 """A live run for hours: faults are found and reported, the controller's file is followed, memory is bounded."""
 
 import socket
-import sys
 import threading
 import tomllib
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+import swinging
 import tomli_w
+from films import film
+from test_pipeline import Scripted, frames_of, made
 
 from simgrab.errors import RecordError
 from simgrab.instrument import pipeline as rooms
@@ -24,12 +25,6 @@ from simgrab.instrument.run import run as running
 from simgrab.instrument.run.run import RunOptions
 from simgrab.instrument.source import open_source
 from simgrab.model.calibration import Calibration
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parent))
-import swinging
-from films import film
-from test_pipeline import Scripted, frames_of, made
 
 AT, SHIFT_PX = 150, 40.0  # frame of a knock, and how far it moves the picture: 1.5°
 

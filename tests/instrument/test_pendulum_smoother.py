@@ -16,9 +16,7 @@ def free_swing(rng, seconds, rope, offset_sd_m):
     """A record of a free swing of 3 degrees, the camera that sees it, and the pixels."""
     record = simulator.free(rng, 1, seconds, rope, np.deg2rad(3), 0.005)
     camera = studies.camera((0.0, 0.0, 0.0), offset_sd_m)
-    pixels = simulator.seen(
-        rng, record, camera.intrinsics.project, rotation=TILTED, offset=np.zeros((1, 3)), missing=0, outliers=0,
-    )[0]  # fmt: skip
+    pixels = simulator.seen(rng, record, camera.intrinsics.project, rotation=TILTED, offset=np.zeros((1, 3)))[0]
     return record, camera, pixels
 
 

@@ -3,13 +3,13 @@
 import dataclasses
 import math
 import re
-import sys
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+import swinging
 from scipy.interpolate import CubicSpline
+from swinging import Feed, nobody
 
 from simgrab.errors import CalibrationError, RecordError, RunError
 from simgrab.instrument import pipeline as rooms
@@ -30,14 +30,7 @@ from simgrab.model.records.observations import Detection, Reading
 from simgrab.world.trajectory.trajectory import Trajectory
 from tests.instrument.test_controller_fusion import controller
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import swinging
-
 FRAMES = 900
-
-
-def nobody(_picture):
-    raise AssertionError("no picture is to be looked at")
 
 
 @pytest.fixture(scope="module")
@@ -243,7 +236,7 @@ def test_the_direction_of_the_swing_is_that_of_the_grab_from_below_the_rope_exit
     ("", True, False), ("fixed", True, True), ("levelled", False, False), ("rigid", False, False),
 ])  # fmt: skip
 def test_the_direction_is_stated_of_cameras_that_do_not_move(crane, mount, alone, informed):
-    camera, observations = msgspec.structs.replace(crane.calibration, mount=mount), crane.observations()
+    camera, observations = msgspec.structs.replace(crane.calibration, mount=mount), crane.observations()[:200]
     said = Scripted(observations)
     live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), camera)][-1:]
     whole, with_motion = (
@@ -280,8 +273,10 @@ def test_a_live_record_on_a_clock_that_is_not_known_takes_the_display_while_it_i
     np.testing.assert_array_equal(found, np.where(read, display, own) if by_display else own)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize(("mount", "given"), [("fixed", "display"), ("fixed", "live"), ("levelled", "controller")])
+@pytest.mark.parametrize(("mount", "given", "sign"), [
+    ("fixed", "display", 1), ("fixed", "display", -1), ("fixed", "live", -1),
+    ("levelled", "controller", 1), ("levelled", "controller", -1),
+])  # fmt: skip
 def test_a_mirrored_offset_is_named_however_exactly_it_is_stated(mount, given, sign):
     crane = swinging.record(fixed=False, frames=460, seed=301, camera__mount={"model": mount}, camera__offset_x_m=0.4)
     x, y, z = crane.calibration.offset_m
@@ -298,21 +293,12 @@ def test_a_mirrored_offset_is_named_however_exactly_it_is_stated(mount, given, s
     assert ("standard deviations of 0.05 m from offset_m" in beyond) == (sign < 0)
 
 
-@pytest.mark.parametrize("late_s", [-2.5, 0.0, 2.5])
-@pytest.mark.parametrize("followed", [False, True])
+@pytest.mark.parametrize(("late_s", "followed"), [(-2.5, True), (0.0, True), (0.0, False), (2.5, False)])
 def test_a_live_record_reports_a_controllers_clock_that_is_off_the_displays(crane, late_s, followed):
     said = Scripted(seen := crane.observations(1.0)[:720])
     data = Controller(crane.time - late_s, None, None, crane.rope + 0.1, 0.0, 0.0, 0.003, 5.0)
 
-    class Feed:
-        states_rope, states_motion, problem, news = True, False, "", ""
-
-        def poll(self, now):
-            some = (data.time <= now) & (data.time > now - 10)
-            readings = dataclasses.replace(data, time=data.time[some], rope=data.rope[some], hold_s=3.0)
-            return readings if some.sum() > 1 else None
-
-    given = {"feed": Feed()} if followed else {"controller": data}
+    given = {"feed": Feed(dataclasses.replace(data, hold_s=3.0))} if followed else {"controller": data}
     live = Pipeline(said, said, **given).live(frames_of(seen), crane.calibration)
     found = [fault.text for one in live for fault in one.faults if fault.kind == "controller"]
     assert len(found) == bool(late_s)
@@ -327,15 +313,8 @@ def test_a_controller_that_writes_seldom_is_on_time_and_one_in_feet_is_reported_
     said = Scripted(seen := crane.observations(1.0)[:1800])
     data = Controller(crane.time - 0.5, None, None, factor * crane.rope, 0.0, 0.0, 0.003, 5.0)
 
-    class Feed:
-        states_rope, states_motion, problem, news = True, False, "", ""
-
-        def poll(self, now):
-            some = (data.time <= now // every_s * every_s) & (data.time > now - 20)
-            readings = dataclasses.replace(data, time=data.time[some], rope=data.rope[some], hold_s=5.0)
-            return readings if some.sum() > 1 else None
-
-    live = list(Pipeline(said, said, feed=Feed()).live(frames_of(seen), crane.calibration))
+    feed = Feed(dataclasses.replace(data, hold_s=5.0), every_s=every_s)
+    live = list(Pipeline(said, said, feed=feed).live(frames_of(seen), crane.calibration))
     assert len([fault for one in live for fault in one.faults if fault.kind == "controller"]) == faults
     last = np.array([one.measurement.rope_length_m for one in live[-100:]])
     assert np.abs(last - crane.rope[len(live) - 100 : len(live)]).max() < 6  # those of the display, where they differ
@@ -378,14 +357,8 @@ def test_a_live_forecast_uses_the_motion_that_a_followed_controller_reports(cran
     slew, radius = (CubicSpline(crane.time, crane.jib)(at) / counts).round().T * counts[:, None]
     data = Controller(at, slew, radius, None, *(counts / np.sqrt(12)).tolist(), 0.0)
 
-    class Feed:
-        states_rope, problem, news = False, "", ""
-
-        def poll(self, now):
-            return dataclasses.replace(data, time=at[at <= now], slew=slew[at <= now], radius=radius[at <= now])
-
-    Feed.states_motion = states_motion
-    list(Pipeline(Scripted(few), Scripted(few), feed=Feed()).live(frames_of(few), crane.calibration))
+    feed = Feed(data, states_rope=False, states_motion=states_motion, latest_s=60.0)
+    list(Pipeline(Scripted(few), Scripted(few), feed=feed).live(frames_of(few), crane.calibration))
     found = np.array(reports)
     assert found.shape == (300, 3)
     assert np.isnan(found[:10]).all()

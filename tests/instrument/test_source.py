@@ -3,7 +3,6 @@
 import gc
 import os
 import socket
-import sys
 import threading
 import time
 from fractions import Fraction
@@ -15,6 +14,8 @@ import numpy as np
 import pytest
 from av.filter import Graph
 from av.stream import Disposition
+from films import SIZE, film, picture
+from streams import over_http, over_rtsp
 
 from simgrab.errors import SourceError
 from simgrab.instrument import video
@@ -23,10 +24,6 @@ from simgrab.instrument.pipeline import ahead
 from simgrab.instrument.source import camera_beside, fitting, open_source, plain_name
 from simgrab.instrument.video import Video
 from simgrab.model.calibration import Calibration
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from films import SIZE, film, picture
-from streams import over_http, over_rtsp
 
 RATE = 9.0
 

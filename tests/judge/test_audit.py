@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from conftest import slow_but, small_scene
+from conftest import altered, slow_but, small_scene
 from seconds import SECOND_RENDERERS
 
 import simgrab
@@ -24,11 +24,6 @@ from simgrab.judge.audit.second_renderer import choice, install_hint
 from simgrab.model import geometry
 from simgrab.model.truth import columns
 from simgrab.world.frames import FrameGenerator
-
-
-@pytest.fixture
-def copy(dataset, tmp_path):
-    return shutil.copytree(dataset, tmp_path / "copy")
 
 
 @pytest.fixture(params=SECOND_RENDERERS)
@@ -117,10 +112,7 @@ def test_pictures_and_labels_that_no_row_knows_are_named(copy):
 @pytest.mark.usefixtures("drawn_once")
 @pytest.mark.parametrize(("column", "value"), [("amodal_x0_px", None), ("jaw_deg", 100.0), ("load", 1e9)])
 def test_gross_values_are_findings_too(copy, column, value):
-    table = pq.read_table(copy / "labels.parquet")
-    rows = table.to_pylist()
-    rows[2][column] = value
-    pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), copy / "labels.parquet")
+    altered(copy, column, lambda values: [*values[:2], value, *values[3:]])
     report = audit(copy)
     assert report.status == "failed"
     assert any(f.where == f"frame 2, {column}" for f in report.findings)

@@ -1,13 +1,12 @@
 import dataclasses
 import shutil
-import sys
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from films import film
 
 from simgrab.cli import cli
 from simgrab.dataset import datasets
@@ -19,9 +18,6 @@ from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
 from simgrab.model import label_arrays as labels
 from simgrab.model.records.observations import Detection
 from simgrab.model.scenario import OrangePeel
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from films import film
 
 NONE = Detection("none", "nothing found", 0.1)
 

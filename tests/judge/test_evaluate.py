@@ -3,14 +3,16 @@
 import dataclasses
 import json
 import math
-import sys
-from pathlib import Path
 
 import av
 import msgspec
 import numpy as np
 import pytest
+from browser import needs_chromium, shown
 from click.testing import CliRunner
+from conftest import small_scene
+from films import film
+from oracle import Oracle
 
 from simgrab.cli import cli
 from simgrab.dataset import datasets
@@ -28,12 +30,6 @@ from simgrab.judge.evaluate.budget import CHAIN
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.page import page
 from simgrab.judge.evaluate.table import tables
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from browser import needs_chromium, shown
-from conftest import small_scene
-from films import film
-from oracle import Oracle
 
 SIZE = {"camera__width_px": 640, "camera__height_px": 360,
         "camera__focal": {"model": "pixels", "focal_length_px": 548.3}}  # fmt: skip

@@ -15,8 +15,8 @@ BETA, SIGMA, H = np.deg2rad(5.0), np.deg2rad(2.0), 1600.0
 KNOWN = PaperIteration(axis="known", axis_direction=AXIS_DIRECTION)
 
 
-def law(records, frames, beta=BETA, sigma=SIGMA, seed=0):
-    return draw(seed, "test", records, frames, beta=beta, sigma=sigma, h=H)
+def law(records, frames):
+    return draw(0, "test", records, frames, beta=BETA, sigma=SIGMA, h=H)
 
 
 def by_hand(m, theta, h, steps):

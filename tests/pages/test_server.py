@@ -4,14 +4,11 @@ import importlib.util
 import re
 import socket
 import stat
-import sys
 import urllib.parse
 import webbrowser
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 from http_requests import ask
 
 from simgrab.errors import ServerError

@@ -69,7 +69,10 @@ class KilledError(Exception):
 
 
 @pytest.mark.slow
-def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path):
+def test_a_training_killed_twice_is_no_detector_and_resumes_to_the_same_files(trained, halves, tmp_path):
+    """While the second net learns, and before its settings are chosen."""
+    out = tmp_path / "out"
+
     def report(name):
         def tell(now: TrainingReport):
             if name == "pose" and now.epoch == 2:
@@ -77,29 +80,23 @@ def test_a_killed_training_resumes_to_the_same_files(trained, halves, tmp_path):
 
         return tell
 
-    with pytest.raises(KilledError):
-        train([halves], tmp_path / "out", tiny, report=report)
-    assert not (tmp_path / "out" / "pose.onnx").exists()
-    train([halves], tmp_path / "out", tiny, resume=True)
-    for name in NETS:
-        assert (tmp_path / "out" / f"{name}.onnx").read_bytes() == (trained / f"{name}.onnx").read_bytes()
-
-
-@pytest.mark.slow
-def test_what_is_killed_before_its_settings_are_chosen_is_no_detector(trained, halves, tmp_path):
     def watch(name):
         if name == "detecting in val images":
             raise KilledError
         return lambda _done, _total: None
 
     with pytest.raises(KilledError):
-        train([halves], tmp_path / "out", tiny, watch=watch)
-    with pytest.raises(DetectorError, match=r"pose\.onnx: No such file"):
-        detector(tmp_path / "out")
-    shutil.copytree(trained, tmp_path / "done")
+        train([halves], out, tiny, report=report)
     with pytest.raises(KilledError):
-        train([halves], tmp_path / "done", tiny, resume=True, watch=watch)
-    assert (tmp_path / "done" / "pose.onnx").read_bytes() == (trained / "pose.onnx").read_bytes()
+        train([halves], out, tiny, resume=True, watch=watch)
+    with pytest.raises(DetectorError, match=r"pose\.onnx: No such file"):
+        detector(out)
+    train([halves], out, tiny, resume=True)
+    for name in NETS:
+        assert (out / f"{name}.onnx").read_bytes() == (trained / f"{name}.onnx").read_bytes()
+    with pytest.raises(KilledError):
+        train([halves], out, tiny, resume=True, watch=watch)
+    assert (out / "pose.onnx").read_bytes() == (trained / "pose.onnx").read_bytes()
 
 
 def run(*arguments):

@@ -5,6 +5,7 @@ import shutil
 import msgspec
 import numpy as np
 import pytest
+from conftest import altered
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
@@ -46,17 +47,8 @@ def dataset(tmp_path_factory):
     }  # fmt: skip
     path = tmp_path_factory.mktemp("train") / "digits"
     render(scenes.load("quay-day", change), path)
-    return with_splits(path)
-
-
-def with_splits(path):
-    """Twenty frames to learn from and four to validate, whatever was drawn."""
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(path / "labels.parquet")
-    splits = ["val" if k % 6 == 5 else "train" for k in range(table.num_rows)]
-    column = table.schema.get_field_index("split")
-    pq.write_table(table.set_column(column, table.schema.field(column), [splits]), path / "labels.parquet")
+    # Twenty frames to learn from and four to validate, whatever was drawn.
+    altered(path, "split", lambda splits: ["val" if k % 6 == 5 else "train" for k in range(len(splits))])
     return path
 
 

@@ -1,28 +1,24 @@
-import hashlib
+import itertools
 import json
 import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from conftest import SMALL, as_options, small_scene
+from conftest import SMALL, as_options, digests, small_scene
 
 from simgrab.cli import cli
 from simgrab.dataset.manifest import identity
 from simgrab.dataset.render import render
+from simgrab.dataset.yolo import data_yaml
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.io.journal import Journal, differences
 from simgrab.judge.audit.audit import audit
 from simgrab.model import scenes
-from simgrab.model.truth import columns
-
-
-def digest(path: Path) -> dict[str, str]:
-    """Digest of every file in a folder."""
-    files = sorted(p for p in path.rglob("*") if p.is_file())
-    return {str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, columns
 
 
 def test_layout_and_columns(dataset, scene):
@@ -31,6 +27,9 @@ def test_layout_and_columns(dataset, scene):
     assert table["frame"].to_pylist() == list(range(scene.frames))
     for field in table.schema:
         assert set(field.metadata) == {b"unit", b"description"}
+    assert table.schema.field("rope_length_m").metadata[b"unit"] == b"m"
+    assert json.loads(table.schema.metadata[b"keypoint_names"]) == list(KEYPOINT_NAMES)
+    assert json.loads(table.schema.metadata[b"simgrab"])["scenario"]["name"] == "quay-day"
     for row in table.to_pylist():
         assert (dataset / row["file"]).is_file()
         assert row["file"].split("/")[1] == row["split"]
@@ -51,6 +50,62 @@ def test_labels_hold_what_the_scenario_set(crooked_dataset):
     assert table.alpha_deg.between(0, 30).all()
     assert table.gamma_deg.between(0, 360).all()
     assert not np.allclose(table.grab_u_px, table.ideal_u_px)
+
+
+def test_keypoints_and_boxes_agree(crooked_dataset):
+    """Every keypoint of the grab lies in its amodal box; A lies between the terminations and the lips."""
+    table = pd.read_parquet(crooked_dataset / "labels.parquet")
+    for row in table.itertuples():
+        points = np.reshape(row.keypoints, (-1, 3))
+        on_steel = points[2:][points[2:, 2] > 0]
+        assert (on_steel[:, 0] > row.amodal_x0_px - 0.5).all()
+        assert (on_steel[:, 0] < row.amodal_x1_px + 0.5).all()
+        assert (on_steel[:, 1] > row.amodal_y0_px - 0.5).all()
+        assert (on_steel[:, 1] < row.amodal_y1_px + 0.5).all()
+        assert points[1, 2] == 0  # the rope exit is above the camera
+        assert tuple(points[0, :2]) == (row.grab_u_px, row.grab_v_px)
+        assert (points[2:6, 2] == 2).sum() >= 2  # rope terminations face the camera
+
+
+def test_metadata_csv_is_what_imagefolder_reads(split_dataset):
+    """A name beside the file, one row a picture, and by pandas' guess the same types in every split."""
+    table = pd.read_parquet(split_dataset / "labels.parquet")
+    kinds = []
+    for split in SPLITS:
+        found = pd.read_csv(split_dataset / "images" / split / "metadata.csv")
+        rows = table[table.split == split].reset_index(drop=True)
+        assert (rows.file == f"images/{split}/" + found.file_name).all()
+        pictures = [p.name for p in (split_dataset / "images" / split).iterdir() if p.name != "metadata.csv"]
+        assert sorted(found.file_name) == sorted(pictures)
+        for name in found.columns.drop("file_name"):
+            np.testing.assert_array_equal(found[name].astype(float), rows[name].astype(float), err_msg=name)
+        kinds.append(dict(found.dtypes))
+    assert kinds[0] == kinds[1] == kinds[2]
+    assert {"frame", "alpha_deg", "present", "time_s", "box_x0_px", "visible_fraction"} <= set(kinds[0])
+    assert table.box_x0_px.isna().any()
+
+
+def keys_of(text):
+    return dict(line.split(": ") for line in text.splitlines() if not line.startswith("#"))
+
+
+@pytest.mark.parametrize("splits", [c for n in (1, 2, 3) for c in itertools.combinations(SPLITS, n)])
+def test_data_yaml_names_only_folders_with_pictures(splits):
+    text = data_yaml(splits, "box").decode()
+    keys = keys_of(text)
+    assert {"train", "val"} <= keys.keys()  # trainers refuse a file without them
+    assert {"test"} & keys.keys() == {"test"} & set(splits)
+    for split in keys.keys() & set(SPLITS):
+        assert keys[split] == f"images/{split if split in splits else splits[0]}"
+        assert (f"# {split} has no frames" in text) == (split not in splits)
+    assert (keys["nc"], keys["names"]) == ("1", "[grab]")
+
+
+def test_a_dataset_of_one_frame_trains_on_what_it_has(tmp_path):
+    render(small_scene(frames=1), tmp_path / "one")
+    data = keys_of((tmp_path / "one" / "data.yaml").read_text())
+    for split in {"train", "val", "test"} & data.keys():
+        assert list((tmp_path / "one" / data[split]).glob("*.jpg"))
 
 
 def test_the_summary_states_what_was_drawn_and_how_much_was_clamped(tmp_path):
@@ -80,11 +135,11 @@ def test_the_summary_states_what_was_drawn_and_how_much_was_clamped(tmp_path):
 
 def test_the_manifest_and_the_command_line_give_the_same_bytes(dataset, tmp_path):
     render(scenes.load(dataset / "manifest.json"), tmp_path / "again")
-    assert digest(tmp_path / "again") == digest(dataset)
+    assert digests(tmp_path / "again") == digests(dataset)
     command = ["render", "quay-day", *as_options(SMALL), "--out", str(tmp_path / "cli"), "--quiet", "--workers", "1"]
     done = CliRunner().invoke(cli, command)
     assert (done.exit_code, done.output) == (0, "")
-    assert digest(tmp_path / "cli") == digest(dataset)
+    assert digests(tmp_path / "cli") == digests(dataset)
 
 
 def test_a_longer_dataset_begins_with_the_shorter(dataset, scene, tmp_path):
@@ -98,12 +153,12 @@ def test_an_unfinished_folder_is_left_alone_without_resume(scene, tmp_path):
     out = tmp_path / "half"
     with pytest.raises(KeyboardInterrupt):
         render(scene, out, progress=Stopping(1))
-    before = digest(out)
+    before = digests(out)
     with pytest.raises(DatasetError, match=r"unfinished.*--resume"):
         render(scene, out)
     with pytest.raises(DatasetError, match="seed differs"):
         render(small_scene(seed=5), out, resume=True)
-    assert digest(out) == before
+    assert digests(out) == before
 
 
 def test_what_differs_is_named_on_whichever_side_it_lies():
@@ -114,13 +169,13 @@ def test_what_differs_is_named_on_whichever_side_it_lies():
 
 
 def test_a_finished_folder_is_never_touched(dataset, scene):
-    before = digest(dataset)
+    before = digests(dataset)
     with pytest.raises(DatasetError, match=r"finished dataset.*--out"):
         render(scene, dataset)
     with pytest.raises(DatasetError, match="another dataset"):
         render(small_scene(seed=5), dataset, resume=True)
     assert render(scene, dataset, resume=True).made == 0
-    assert digest(dataset) == before
+    assert digests(dataset) == before
 
 
 def test_a_dataset_killed_while_it_cleaned_up_is_finished(dataset, scene, tmp_path):
@@ -128,7 +183,7 @@ def test_a_dataset_killed_while_it_cleaned_up_is_finished(dataset, scene, tmp_pa
     rows = tmp_path / "out" / ".partial" / "rows"
     rows.mkdir(parents=True)
     assert render(scene, tmp_path / "out", resume=True).made == 0
-    assert digest(tmp_path / "out") == digest(dataset)
+    assert digests(tmp_path / "out") == digests(dataset)
 
 
 @pytest.mark.slow
@@ -185,7 +240,7 @@ def test_a_full_disk_is_reported_and_survived(dataset, scene, tmp_path, monkeypa
         render(scene, tmp_path / "full")
     monkeypatch.undo()
     assert render(scene, tmp_path / "full", resume=True).made < scene.frames
-    assert digest(tmp_path / "full") == digest(dataset)
+    assert digests(tmp_path / "full") == digests(dataset)
 
 
 def test_two_writers_do_not_share_a_folder(scene, tmp_path):

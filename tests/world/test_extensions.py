@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import as_options, small_scene
+from conftest import as_options, digests, small_scene
 from world import user_functions
 from world.user_functions import circle, invert, passing, speckle, sunny_or_grey
 
@@ -77,10 +77,6 @@ def test_a_dataset_with_functions_is_what_its_frames_are_and_says_so(made):
         for role, name in zip(roles, names, strict=True)
     ]
     assert "cannot promise" in stated["note"]
-
-
-def digests(path):
-    return {p.relative_to(path): hashlib.sha256(p.read_bytes()).hexdigest() for p in path.rglob("*") if p.is_file()}
 
 
 def test_two_workers_make_the_same_dataset_with_functions(made, tmp_path):

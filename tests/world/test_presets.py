@@ -7,8 +7,7 @@ import sys
 import time
 
 import pytest
-from conftest import SMALL
-from test_dataset import digest
+from conftest import SMALL, digests
 from test_sensor_files import SENSORS
 
 from simgrab.dataset.render import render
@@ -67,4 +66,4 @@ def test_two_workers_give_the_same_bytes_also_when_killed_and_resumed(drawn, tmp
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     render(scenario, out, resume=True)
-    assert digest(out) == digest(path)
+    assert digests(out) == digests(path)

@@ -56,9 +56,6 @@ def test_the_command_says_how_many_and_why(tmp_path):
     small = [*as_options({"frames": 1, "place.model": "plain"}), "--size", "160x90"]
     command = ["render", "quay-day", *small, "--out", str(tmp_path / "out")]
     assert "worker processes: 1 (limited by 1 frames)" in CliRunner().invoke(cli, command).output
-    again = CliRunner().invoke(cli, [*command[:-1], str(tmp_path / "two"), "--workers", "0"])
-    assert again.exit_code == 2
-    assert "--workers" in again.output
 
 
 def test_functions_that_no_worker_can_be_given_leave_one_process(computer):

@@ -4,9 +4,7 @@ import base64
 import itertools
 import json
 import shutil
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 from urllib.parse import quote
 
 import cv2
@@ -15,12 +13,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from conftest import altered
 from films import film, picture
 from http_requests import ask
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import simgrab
 from simgrab.errors import DatasetError, SimgrabError
@@ -288,14 +285,13 @@ def test_an_export_that_the_end_cuts_short_leaves_nothing(data, tmp_path):
 def test_a_picture_outside_of_the_dataset_is_not_shown(data, tmp_path):
     path = shutil.copytree(data, tmp_path / "copy")
     (tmp_path / "secret.jpg").write_bytes((data / simgrab.open(data).rows[0].file).read_bytes()[:-9] + b"secret\0\0\0")
-    table = pq.read_table(path / "labels.parquet")
-    files = table["file"].to_pylist()
+    files = [row.file for row in simgrab.open(data).rows]
     files[:2] = ["../secret.jpg", str(tmp_path / "secret.jpg")]
     files[2] = "images/<img src=x>.jpg"
     (path / files[3]).unlink()
     (path / files[3]).symlink_to(tmp_path / "secret.jpg")
     (path / files[4]).write_bytes(b"\xff\xd8 changed")
-    pq.write_table(table.set_column(table.column_names.index("file"), "file", [files]), path / "labels.parquet")
+    altered(path, "file", lambda _: files)
     subject = browse.open(path)
     assert "digest" in subject.notes[0]
     with browse.serving(subject) as address:

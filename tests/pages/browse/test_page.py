@@ -2,14 +2,10 @@
 
 import json
 import shutil
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 from browser import NAMELESS, needs_chromium
 
 import simgrab

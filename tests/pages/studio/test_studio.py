@@ -3,7 +3,6 @@
 import json
 import struct
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -11,8 +10,6 @@ import msgspec
 import pytest
 import trimesh
 from click.testing import CliRunner
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 from http_requests import ask
 
 import simgrab

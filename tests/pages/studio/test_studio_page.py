@@ -1,12 +1,9 @@
 """The page of `simgrab studio` in a real browser: a control of each type, what it changes, and what is shown of it."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 from browser import NAMELESS, needs_chromium
 
 from scripts.chromium import page
