@@ -133,8 +133,8 @@ JUDGED = (
 DETECTOR = (*PLACES, *PHOTOGRAPHS, *NEGATIVE, *HUNG, *JUDGED)
 # The second training begins with the nets of the first one, and adds these to what is learned from.
 ADDED = ("night", *list(NEGATIVES)[2:])
-# The third begins with the nets of the second one, and learns from other frames, many of the four-rope grab; what comes
-# out lies half way, so that nothing learned before is forgotten. So does the fourth, with the same frames.
+# The third begins with the nets of the second one, and learns from other frames, many of the four-rope grab, and so does
+# the fourth with those of the third one; what comes out lies about half way, so that nothing learned before is forgotten.
 MORE = tuple(
     replace(one, name=f"more-{one.name}", frames=one.frames // 3, quick=one.quick // 3, seed=one.seed + 200)
     for one in sorted(DETECTOR, key=lambda one: one.name)
@@ -212,7 +212,7 @@ def detector(
         more = rendered((*MORE, FOUR_ROPE), work, quick=quick, workers=workers) + paths[-len(JUDGED) :]
         trainings = [
             (first, None, some, 0, 1.0), (second, first, paths, 0, 1.0), (third, second, more, 1, 0.5),
-            (last, third, more, 2, 0.5),
+            (last, third, more, 2, 0.4),
         ]  # fmt: skip
     for into, start, learned, seed, share in trainings:
         if (into / f"{NETS[-1]}.md").exists():  # a card is written last
