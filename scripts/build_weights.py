@@ -133,8 +133,8 @@ JUDGED = (
 DETECTOR = (*PLACES, *PHOTOGRAPHS, *NEGATIVE, *HUNG, *JUDGED)
 # The second training begins with the nets of the first one, and adds these to what is learned from.
 ADDED = ("night", *list(NEGATIVES)[2:])
-# The third begins with the nets of the second one, and learns from other frames, many of the four-rope grab, and so does
-# the fourth with those of the third one; what comes out lies about half way, so that nothing learned before is forgotten.
+# The third begins with the nets of the second one, and the fourth with those of the third. They learn from other frames,
+# many of the four-rope grab; what comes out lies about half way, so that nothing learned before is forgotten.
 MORE = tuple(
     replace(one, name=f"more-{one.name}", frames=one.frames // 3, quick=one.quick // 3, seed=one.seed + 200)
     for one in sorted(DETECTOR, key=lambda one: one.name)
