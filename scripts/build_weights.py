@@ -133,7 +133,7 @@ JUDGED = (
 DETECTOR = (*PLACES, *PHOTOGRAPHS, *NEGATIVE, *HUNG, *JUDGED)
 # The second training begins with the nets of the first one, and adds these to what is learned from.
 ADDED = ("night", *list(NEGATIVES)[2:])
-# The third begins with the nets of the second one, and the fourth with those of the third. They learn from other frames,
+# The third begins with the nets of the second one, and the fourth with those of the third, to learn from other frames,
 # many of the four-rope grab; what comes out lies about half way, so that nothing learned before is forgotten.
 MORE = tuple(
     replace(one, name=f"more-{one.name}", frames=one.frames // 3, quick=one.quick // 3, seed=one.seed + 200)
