@@ -73,12 +73,10 @@ def show(scores: dict[str, Any]) -> None:
     """Print the tables."""
     console = Console(width=WIDTH)
     if "overall" in scores:
-        parts = {
-            "overall": "overall",
-            "half visible or more": "half_visible",
-            "cut off by the picture's edge": "cut_off",
-        }
-        groups = {name: scores[key] for name, key in parts.items()} | scores["by_weather"]
+        groups = {
+            "overall": scores["overall"], "half visible or more": scores["half_visible"],
+            "cut off by the picture's edge": scores["cut_off"], **scores["by_weather"],
+        }  # fmt: skip
         console.print(boxes_table(scores["detector"], groups))
         console.print(centres_table({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
     if "real" in scores:

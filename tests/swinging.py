@@ -45,7 +45,7 @@ class Swinging:
 
 @dataclass
 class Feed:
-    """A controller that is followed: it writes every so many seconds, and tells the ``latest_s`` up to then."""
+    """A controller that is followed: it writes every so many seconds, and reports the ``latest_s`` up to then."""
 
     data: Controller
     states_rope: bool = True
@@ -58,8 +58,8 @@ class Feed:
     def poll(self, now):
         data, until = self.data, now // self.every_s * self.every_s if self.every_s else now
         some = (data.time <= until) & (data.time > now - self.latest_s)
-        told = {name: getattr(data, name) for name in ("time", "slew", "radius", "rope")}
-        known = {name: values[some] for name, values in told.items() if values is not None}
+        columns = {name: getattr(data, name) for name in ("time", "slew", "radius", "rope")}
+        known = {name: values[some] for name, values in columns.items() if values is not None}
         return replace(data, **known) if some.sum() > 1 else None
 
 

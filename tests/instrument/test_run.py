@@ -369,7 +369,7 @@ def test_a_failure_midway_leaves_nothing(tmp_path):
 
 
 class Acting:
-    """Somebody's own instrument, which does with the frames what it is told."""
+    """Somebody's own instrument, which does with the frames what a test asks."""
 
     name = "acting"
 

@@ -248,7 +248,7 @@ def _example(
     # As if a whole picture ended there.
     moved = edges[:2] + edges[2:] - (row.width_px, row.height_px)
     where = places(row.width_px, row.height_px, corner - moved, extent, POSE_SIZE)
-    if (edges[2:] - edges[:2] != (row.width_px, row.height_px)).any():
+    if (width, height) != (row.width_px, row.height_px):
         share = inside[..., None] / 255
         picture = np.rint(share * picture + (1 - share) * GREY).astype(np.uint8)
     wanted, yaw = np.full(6, np.nan), 0.0
