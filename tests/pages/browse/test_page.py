@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import time
 
 import numpy as np
 import pytest
@@ -43,17 +42,17 @@ def shown(chromium, address):
     assert chromium.console == []
 
 
-def frames(shown):
-    """Numbers of the frames on the grid, in their order."""
-    return shown.evaluate('[...document.querySelectorAll("#grid [data-row]")].map((one) => +one.dataset.row)')
+def wait_for_frames(shown, numbers):
+    """Wait until the grid shows these frames, in this order."""
+    on_the_grid = '[...document.querySelectorAll("#grid [data-row]")].map((one) => one.dataset.row).join()'
+    shown.wait(f'{on_the_grid} === "{",".join(map(str, numbers))}"')
 
 
 def set_range(shown, column, low, high):
-    shown.evaluate(f"""(async () => {{
+    shown.evaluate(f"""(() => {{
       const fields = document.querySelectorAll('section[data-column="{column}"] input');
       [fields[0].value, fields[1].value] = ["{low}", "{high}"];
       fields[0].dispatchEvent(new Event("input"));
-      await new Promise((done) => setTimeout(done, 400));
     }})()""")
 
 
@@ -85,9 +84,10 @@ def test_filters_work_on_each_other(shown, data):
     rope = np.array([row.rope_length_m for row in rows])
     low, high = np.quantile(alpha, 0.3), np.quantile(rope, 0.7)
     set_range(shown, "alpha_deg", low, "")
+    wait_for_frames(shown, np.flatnonzero(alpha >= low))
     set_range(shown, "rope_length_m", "", high)
     left = np.flatnonzero((alpha >= low) & (rope <= high))
-    assert frames(shown) == left.tolist()
+    wait_for_frames(shown, left)
     assert shown.evaluate('document.getElementById("count").textContent') == f"{len(left)} of 12 frames"
     sums = shown.evaluate(
         '[...document.querySelectorAll("#panels svg[role=img]")].map((one) => one.getAttribute("aria-label"))'
@@ -109,8 +109,7 @@ def test_rows_are_sorted_by_any_column(shown, data):
       document.getElementById("direction").click();
     })()""")
     shown.wait('location.hash.includes("sort=-rope_length_m")')
-    time.sleep(0.3)
-    assert frames(shown) == np.argsort(rope)[::-1].tolist()
+    wait_for_frames(shown, np.argsort(rope)[::-1])
 
 
 def test_a_frame_opens_with_everything_that_is_known(shown, data):
