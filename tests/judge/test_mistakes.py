@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from simgrab.judge.check import suite
 from simgrab.judge.check.mistakes import likely, of_centres, of_rope
 from simgrab.model import scenes
-from simgrab.model.geometry import Pose
+from simgrab.model.geometry import Pose, camera_rotation, on_ropes, swing_of
 from simgrab.world.extensions import Recipe
 from simgrab.world.trajectory.trajectory import Trajectory
 
@@ -42,6 +42,7 @@ def rows_of(scenario, frames=FRAMES):
             ideal_v_px=k.cy_px + k.f_px * in_camera[1] / in_camera[2],
             jib_from_grab=np.asarray(moment.grab.jib_from_grab)[:3].ravel(),
             jib_from_camera=np.column_stack([moment.tilt.jib_from_camera, camera.offset_m]).ravel(),
+            roll_deg=np.degrees(moment.tilt.roll),
         ))  # fmt: skip
     return rows, np.array([row.alpha for row in rows])
 
@@ -174,6 +175,30 @@ def test_an_offset_on_ropes_of_similar_lengths_is_named():
     noise = np.random.default_rng(0).normal(0, np.deg2rad(0.05), len(true))
     text = likely(leaning(rows, shift=[0, -0.25] / length) + noise, true, rows, None).text
     assert re.search(r"offset of \(0\.(39|40|41), 0\.4\d\) m in place of \(0\.40, 0\.70\) m$", text)
+
+
+@pytest.mark.parametrize(
+    ("used", "text"),
+    [
+        (-10.0, "if the camera's roll of 10.0° were applied with the opposite sign"),
+        (0.0, "if the camera's roll of 10.0° were left out"),
+        (55.0, "with a camera roll of 5[45]\\.\\d° in place of 10.0°"),
+    ],
+)
+@pytest.mark.parametrize("scene", ["quay-day", "work-cycles"])
+def test_a_wrong_roll_is_named(scene, used, text):
+    changes = {"camera.offset_x_m": 1.2, "camera.roll_deg": 10.0, "camera.beta_deg": 4.0, "frames": 192}
+    changes |= {"swing.settle_s": 25.0} if scene == "work-cycles" else {}
+    rows, true = rows_of(scenes.load(scene, changes))
+    camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
+    turn = (
+        camera_rotation(np.radians(4.0), 0.0, np.radians(used))
+        @ camera_rotation(np.radians(4.0), 0.0, np.radians(10)).T
+    )
+    grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
+    found = on_ropes(camera.translation, (grab - camera.translation) @ turn.T, np.linalg.norm(grab, axis=1))
+    measured = swing_of(found)[0] + np.random.default_rng(0).normal(0, np.deg2rad(0.02), len(true))
+    assert re.fullmatch(f"The angles are as (with a .*, or )?{text}(, or .*)?", likely(measured, true, rows, None).text)
 
 
 def test_on_a_rope_of_constant_length_any_offset_and_a_tilt_are_named_together():

@@ -20,6 +20,7 @@ FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for r
 NEAR = 0.15  # how far a factor may be from 0 of what is left out, or from -1 of what has the opposite sign
 CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
 LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing shows no direction
+LEAST_ROLL = 1.0  # degrees, below which a roll is not named
 MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
 NOTHING = 1e-6  # rad, below which errors are rounding
 LEAST_SHARE = 0.01  # of the errors, below which it does not matter which explanation leaves less
@@ -100,7 +101,7 @@ def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistak
 def _of_geometry(
     measured: Array, true: Array, rows: Sequence[Row], grab: Array, *, rope_known: bool
 ) -> list[Mistake]:  # fmt: skip
-    """Explain by a tilt, a focal length, an offset, the lens's distortion, and by a constant."""
+    """Explain by a tilt, a roll, a focal length, an offset, the lens's distortion, and by a constant."""
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     f_px, axis, offset = rows[0].fx_px, camera.rotation[:, :2, 2], camera.translation[:, :2]
     per_m = 1 / np.linalg.norm(grab, axis=1, keepdims=True)
@@ -116,10 +117,16 @@ def _of_geometry(
     of_lens = fits.factor(_level(grab - camera.translation) - axis, lens)
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
     shift = _of_offset(fits, offset, per_m, rope_known=rope_known)
-    found = [tilt, focal, shift]
-    if max(shift.rms, tilt.rms) < CLEARLY * max(min(shift.rms, tilt.rms), least):  # as on a rope of constant length
-        alike = (tilt, shift) if shift.any_offset else (shift, tilt)
-        found = [tilt._replace(text=", or ".join(one.text for one in alike if one.text)), focal]
+    turn = fits.roll(rows[0].roll_deg)
+    poses = [tilt, shift] if shift.any_offset else [shift, tilt]
+    poses = [turn, *poses] if turn.text.startswith("if ") else [*poses, turn]
+    most = CLEARLY * max(min(one.rms for one in poses), least)
+    alike = [one for one in poses if one.rms < most]  # as on a rope of constant length
+    if any(one is turn for one in alike) and shift.fitted > 2:  # a tilt beside an offset explains much
+        alike = [one for one in alike if one is not shift]
+    chosen = next((one for one in alike if one.of_tilt), alike[0])
+    found = [chosen._replace(text=", or ".join(one.text for one in alike if one.text)), focal]
+    found += [one for one in poses if one.rms >= most]
     bent, straight = (_along(camera, rows, of) for of in ("grab", "ideal"))
     if np.isfinite(bent).all() and np.abs(bent - straight).max() > NOTHING:
         found.append(fits.factor(straight - bent, _applied("the lens's distortion")))
@@ -149,16 +156,20 @@ class _Fits:
         x = least_squares(lambda x: predict(x) - self.measured, start).x
         return x, self.measured - predict(x)
 
-    def _moved(self, by: Array | float = 0.0, lean: Array = _UNMOVED, shift: Array = _UNMOVED) -> Array:
+    def _moved(
+        self, by: Array | float = 0.0, lean: Array = _UNMOVED, shift: Array = _UNMOVED, turn: Array = _UNMOVED
+    ) -> Array:  # fmt: skip
         """Swings (n,), rad, as they follow from mistakes.
 
-        Directions of which the horizontal parts are moved, a tilt that is wrong by (2,), rad, and a camera that is
-        taken to be elsewhere by (n, 2), in lengths of the rope. The rope is as long as before.
+        Directions of which the horizontal parts are moved, a tilt that is wrong by (2,), rad, a camera that is
+        taken to be elsewhere by (n, 2), in lengths of the rope, and one that is turned by a vector (3,), rad. The rope
+        is as long as before.
         """
         level = self.swing + by
         grab = np.column_stack([level, -np.sqrt(np.maximum(1 - np.sum(level**2, axis=1), 0))])
-        if lean.any() or shift.any():
-            ray = Rotation.from_rotvec([lean[1], -lean[0], 0.0]).apply(grab - self.camera)
+        if lean.any() or shift.any() or turn.any():
+            turned = turn if turn.any() else [lean[1], -lean[0], 0.0]
+            ray = Rotation.from_rotvec(turned).apply(grab - self.camera)
             camera = self.camera + np.pad(np.broadcast_to(shift, level.shape), ((0, 0), (0, 1)))
             grab = on_ropes(camera, ray, 1.0)
         return swing_of(grab)[0]
@@ -185,6 +196,18 @@ class _Fits:
         true = np.degrees(np.arctan2(self.axis[1], self.axis[0])) % 360
         place = f"in place of {np.degrees(tilt):.1f}° with {true:.0f}°"
         return f"{text}, {size:.1f}° with an azimuth of {azimuth:.0f}° {place}"
+
+    def roll(self, roll_deg: float) -> Mistake:
+        """Explain by a roll that is wrong: the rays are turned about the optical axis."""
+        axis = np.append(self.axis, -math.sqrt(1 - self.axis @ self.axis))
+        fits = [self.fit(lambda x: self._moved(turn=x[0] * axis), start) for start in (-0.3, 0.3)]
+        (by,), left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
+        used = (roll_deg + math.degrees(by) + 180) % 360 - 180
+        if abs(used - roll_deg) < LEAST_ROLL:
+            return Mistake("", left, 1)
+        factor = used / roll_deg if abs(roll_deg) > LEAST_ROLL else math.nan
+        usual = _applied(f"the camera's roll of {roll_deg:.1f}°")(factor)
+        return Mistake(usual or f"with a camera roll of {used:.1f}° in place of {roll_deg:.1f}°", left, 1)
 
     def factor(
         self, unit: Array, text: Callable[[float], str], start: float = 0.5, *, of_camera: bool = False
