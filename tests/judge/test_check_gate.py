@@ -36,6 +36,7 @@ from simgrab.judge.check import baseline, cache, gate, golden, page, report, sui
 from simgrab.judge.check.causes import _of_angles, causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.budget import by_centres
+from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.records.observations import Detection
 
@@ -287,7 +288,7 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     result = gate.check(small, options(place, Altered(place, two_degrees_more), baseline=None))
     (scene,) = result.scenes.values()
     why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
-    assert "1 of 16 frames have no angle: missed (<no grab>) in 1." in why
+    assert "1 of 16 frames with a grab have no angle: missed (<no grab>) in 1." in why
     assert re.search(r"the measured angle is (1\.[89]|2\.[012])\d° too large", why)
     assert "the error arises where this pipeline computes its angles" in why
     text = page.page(result)
@@ -378,6 +379,44 @@ def test_errors_that_nothing_explains_are_stated_as_such(place, missed, monkeypa
     monkeypatch.setattr("simgrab.judge.check.causes.FEW_LOST", 0.1)
     for failed, stated in (([], 0), (["frames.ok"], missed)):
         assert len([*causes(trial, ["angle.overall.rmse_deg", *failed])]) == 1 + stated
+
+
+def kept(measured, _):
+    """Keep the angle of the frame before, without a centre, in every fourth frame, and 20° in the last one."""
+    angles = [m.alpha for m in measured]
+    for i, m in enumerate(measured):
+        alpha = np.deg2rad(20.0) if i == 15 else angles[i - 1] if i % 4 == 3 else m.alpha
+        yield Measurement(status="ok", alpha=alpha) if i % 4 == 3 else m
+
+
+def test_angles_without_a_centre_and_of_frames_without_a_grab_are_named(place, tmp_path):
+    small = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 0.5}}))
+    (scene,) = gate.check(small, options(place, Altered(place, kept), baseline=None)).scenes.values()
+    assert re.fullmatch(
+        r"4 angles have no centre beside them, and 3 of these are those of the frame before\. Without them the RMSE "
+        r"would be 0\.\d\d° instead of \d\.\d\d°\.",
+        scene.causes,
+    )
+    assert scene.metrics["frames.without_grab"] == 0
+    assert not any("without a grab" in note for note in scene.notes)
+    rows = list(scene.trial.known.rows)
+    rows[3] = msgspec.structs.replace(rows[3], present=False, box_x0_px=None)
+    known = dataclasses.replace(scene.trial.known, rows=tuple(rows))
+    found = evaluate(scene.trial.run, known)
+    ghost = dataclasses.replace(scene.trial, known=known, evaluation=found, metrics=trial.flat(found.to_dict()))
+    assert ghost.metrics["frames.without_grab"] == 1
+    assert next(causes(ghost, [])) == "1 of 16 angles are of frames without a grab."
+    assert "swing: warning: 1 of 16 angles are of frames without a grab; set a limit on frames.without_grab" in (
+        gate.judged("swing", ghost, small.limits).notes
+    )
+
+
+def test_a_figure_without_a_value_is_explained_by_no_other_error(place, tmp_path):
+    limits = {"alarm.missed": {"upper": 0}, "angle.overall.rmse_deg": {"upper": 20.0}}
+    small = suite.load(write(tmp_path, limits=limits))
+    (scene,) = gate.check(small, options(place, FAULTS["detector 2 px to the right"], baseline=None)).scenes.values()
+    assert [verdict.what for verdict in scene.verdicts if verdict.status == "failed"] == ["alarm.missed"]
+    assert scene.causes == ""
 
 
 def test_frames_in_which_the_grab_hardly_swings_are_named(place, tmp_path):

@@ -27,5 +27,5 @@ def page(run: Run, stills: Mapping[int, bytes], *, paper: bool = False) -> str:
         largest=int(np.nanargmax(run.alpha)) if np.isfinite(run.alpha).any() else None,
         head=HEAD,
         beside_paper=beside_paper(run) if paper else (),
-        reasons=reasons(run),
+        reasons=reasons(run.measurements),
     )

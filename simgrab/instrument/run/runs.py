@@ -184,9 +184,13 @@ def alarms(events: Sequence[Event]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def reasons(run: Run) -> list[tuple[str, str, int]]:
+def reasons(measurements: Sequence[Measurement]) -> list[tuple[str, str, int]]:
     """Count statuses and reasons; numbers within a reason are left out, because they concern one frame."""
-    counted = Counter((m.status, re.sub(r"\d", "#", m.reason)) for m in run.measurements if m.status != "ok")
+
+    def bare(reason: str) -> str:
+        return re.sub(r"\d", "#", re.sub(r" ?\([^()]*\d[^()]*\)", "", reason))
+
+    counted = Counter((m.status, bare(m.reason)) for m in measurements if m.status != "ok")
     return [(*key, count) for key, count in counted.most_common(20)]
 
 

@@ -46,11 +46,14 @@ def causes(
     if trial.run is None or trial.known is None or trial.evaluation is None:
         return
     run, true = trial.run, trial.known.alpha
-    lost = reasons(run)
+    there = [m for m, empty in zip(run.measurements, trial.known.empty, strict=True) if not empty]
+    lost = reasons(there)
     count = sum(count for *_, count in lost)
-    if count > FEW_LOST * len(true) or (lost and any(what.startswith("frames") for what in failed)):
+    if count > FEW_LOST * len(there) or (lost and any(what.startswith("frames") for what in failed)):
         listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
-        yield f"{count} of {len(true)} frames have no angle: {listed}."
+        yield f"{count} of {len(there)} frames with a grab have no angle: {listed}."
+    if ghosts := trial.metrics.get("frames.without_grab"):
+        yield f"{ghosts:.0f} of {np.isfinite(run.alpha).sum()} angles are of frames without a grab."
     late = of_centres(run.pixels, trial.known.centre, run.time)
     if late is not None:
         yield f"{late.text}."
@@ -70,6 +73,9 @@ def causes(
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)
+    if sightless := _without_centres(run, true):
+        yield sightless
+        return
     if both.any():
         measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
         moves = measured.std() >= swing.std() / STILL
@@ -91,6 +97,20 @@ def causes(
         if not late:
             found += _of_stages(trial, run, rmse, float(swing.std()), compared=compared, steady=steady)
         yield from found or ([] if mistake or lengths or late else [UNEXPLAINED])
+
+
+def _without_centres(run: Run, true: Array) -> str:
+    """State that most of the error is of angles without a centre beside them, as of one that is kept; else empty."""
+    off, seen = run.alpha - true, np.isfinite(run.pixels).all(axis=1)
+    known = np.isfinite(off)
+    blind, rmse, rest = known & ~seen, _rms_of(off), _rms_of(off[seen])
+    if not blind.any() or not (known & seen).any() or rest >= rmse / 2:
+        return ""
+    same = int((np.diff(run.alpha, prepend=np.nan)[blind] == 0).sum())
+    return (
+        f"{blind.sum()} angles have no centre beside them, and {same} of these are those of the frame before. Without "
+        f"them the RMSE would be {np.rad2deg(rest):.2f}° instead of {np.rad2deg(rmse):.2f}°."
+    )
 
 
 def _of_pixels(trial: Trial) -> Iterator[str]:

@@ -237,6 +237,11 @@ def judged(
         notes.append(f"{name}: warning: {left}")
     if found.metrics.get("alarm.sure") == 0 and any(v.what == "alarm.missed" for v in verdicts):
         notes.append(f"{name}: warning: alarm.missed tests nothing, since no swing exceeds 10.5°")
+    if ghosts := found.metrics.get("frames.without_grab"):
+        notes.append(
+            f"{name}: warning: {ghosts:.0f} of {found.metrics['frames.ok']:.0f} angles are of frames without a grab; "
+            "set a limit on frames.without_grab"
+        )
     rope = np.zeros(1) if found.known is None else found.known.rope_length
     if np.nanmax(rope) - np.nanmin(rope) < LEAST_HOIST_M and any(v.what.startswith("reading.length") for v in verdicts):
         notes.append(f"{name}: warning: limits on reading.length test little, since the rope's length hardly changes")

@@ -33,6 +33,7 @@ _MEANINGS = {
     "angle.overall.p95_deg": "error of the swing angle that 95 % of the frames stay below, degrees",
     "angle.overall.max_deg": "largest error of the swing angle, degrees",
     "frames.ok": "number of frames with an angle",
+    "frames.without_grab": "number of frames with an angle, but without a grab",
     "detection.recall": "share of the visible grabs that were found",
     "detection.map50_95": "mean average precision of the boxes",
     "detection.centre.median_px": "median error of the grab's centre, pixels",

@@ -68,7 +68,7 @@ class Outcome:
         compared = any(verdict.reference is not None for verdict in failed)
         of_centres = [v for v in self.verdicts if v.what.startswith("detection.centre") and v.reference is not None]
         steady = bool(of_centres) and all(verdict.status == "passed" for verdict in of_centres)
-        what = [verdict.what for verdict in failed]
+        what = [verdict.what for verdict in failed if verdict.value is not None]
         return " ".join(causes(self.trial, what, compared=compared, steady=steady, meets=self.meets))
 
     def meets(self, metrics: Metrics) -> bool:

@@ -53,7 +53,12 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
             "matched": known.matched,
             "still": _still(known.alpha),
         },
-        "frames": {"all": len(run.measurements), "known": sum(r is not None for r in known.rows)} | run.about["counts"],
+        "frames": {
+            "all": len(run.measurements),
+            "known": sum(r is not None for r in known.rows),
+            **run.about["counts"],
+            "without_grab": int((np.isfinite(run.alpha) & known.empty).sum()),
+        },
         "detection": of_detection(run, known),
         "reading": of_reading(run, known),
         "angle": swings.angles(run.alpha, known.alpha, known.rope_length, known.weather),

@@ -25,7 +25,7 @@ def tables(evaluation: Mapping[str, Any]) -> tuple[TextTable, ...]:
     parts = (
         _of_detection(evaluation["detection"]),
         _of_reading(evaluation["reading"]),
-        _of_angle(evaluation["angle"], evaluation["interval"], evaluation["run"]),
+        _of_angle(evaluation["angle"], evaluation["interval"], evaluation["run"], evaluation["frames"]["without_grab"]),
         _of_alarm(evaluation["alarm"]),
         _of_warning(evaluation["warning"]),
         _of_budget(evaluation["budget"]),
@@ -78,7 +78,9 @@ def _of_reading(f: Mapping[str, Any] | None) -> TextTable | None:
     return TextTable("Reading", ("", ""), _known(rows), "The display lags behind the rope.")
 
 
-def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any], run: Mapping[str, Any]) -> TextTable:
+def _of_angle(
+    f: Mapping[str, Any], interval: Mapping[str, Any], run: Mapping[str, Any], without_grab: int
+) -> TextTable:  # fmt: skip
     rows = [("all", *errors(f["overall"])), ("α above 8°", *errors(f["above_8_deg"]))]
     rows += [(f"rope {name}", *errors(e)) for name, e in f["by_rope"].items() if e["frames"]]
     rows += [(name, *errors(e)) for name, e in f["by_weather"].items()]
@@ -86,7 +88,8 @@ def _of_angle(f: Mapping[str, Any], interval: Mapping[str, Any], run: Mapping[st
     if interval["share"] is not None:
         width = text(interval["width_deg"], 2)
         note = f"95 % intervals cover the true α in {percent(interval['share'])}, at a mean width of {width}°."
-    notes = " ".join(filter(None, (note, run["still"], run["matched"])))
+    ghosts = f"{without_grab} angles are of frames without a grab." if without_grab else ""
+    notes = " ".join(filter(None, (note, ghosts, run["still"], run["matched"])))
     return TextTable("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), notes)
 
 

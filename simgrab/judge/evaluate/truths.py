@@ -74,6 +74,11 @@ class Truths:
         least = self.least_visible_fraction
         return np.array([row is not None and labels.is_labelled(row, least) for row in self.rows], bool)
 
+    @property
+    def empty(self) -> NDArray[np.bool_]:
+        """Whether no part of the grab is in the picture, shape (n,)."""
+        return np.array([row is not None and labels.box(row) is None for row in self.rows], bool)
+
 
 def of(run: Run, known: str | Path, start_s: float | None = None) -> Truths:
     """Find the truth of a run's frames.

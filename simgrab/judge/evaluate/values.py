@@ -201,7 +201,10 @@ class Budget(msgspec.Struct, frozen=True):
 
 
 class FrameCounts(msgspec.Struct, frozen=True):
-    """Number of frames of the run, of frames with known truth, and of frames with each status."""
+    """Number of frames of the run, of frames with known truth, and of frames with each status.
+
+    ``without_grab`` counts the frames with an angle in whose picture there is no part of the grab.
+    """
 
     all: int
     known: int
@@ -210,6 +213,7 @@ class FrameCounts(msgspec.Struct, frozen=True):
     unread: int
     lost: int
     refused: int
+    without_grab: int
 
 
 class Provenance(msgspec.Struct, frozen=True):
