@@ -197,6 +197,19 @@ def test_mass_is_that_of_the_steel_however_the_file_splits_it(tmp_path, kind):
     assert np.einsum("ij,ij->", parts[:, 0], np.cross(parts[:, 1], parts[:, 2])) / 6 == pytest.approx(1.5)  # outwards
 
 
+@pytest.mark.parametrize("reversed_faces", [[0], [3, 7, 8], range(2, 12)])
+def test_reversed_faces_of_a_closed_piece_are_put_right(tmp_path, reversed_faces):
+    """The mass is that of solid steel, not of plates, and every face looks outwards."""
+    box = trimesh.creation.box((1, 1, 2))
+    box.faces[reversed_faces] = box.faces[reversed_faces][:, ::-1]
+    box.export(tmp_path / "a.ply")
+    body = design_of(Mesh.of(tmp_path / "a.ply")).bodies[0]
+    assert body.mass_kg == pytest.approx(7850 * 2, rel=1e-6)
+    assert len(body.steel.faces) == 12  # seen from one side
+    assert body.steel.volume == pytest.approx(2)
+    assert not any("holes" in doubt for doubt in own_grab.check(own_grab.scene_of(tmp_path / "a.ply")).doubts)
+
+
 def test_jaws_slide(files):
     jaws = (JAWS[0], Jaw(node="HookRight", axis=(2.0, 0.0, 0.0), stroke_m=0.4))
     design = design_of(Mesh.of(files["glb"], jaws=jaws))

@@ -12,6 +12,8 @@ import numpy as np
 import trimesh
 from msgspec.structs import replace
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from simgrab.errors import ScenarioError, SimgrabError, first_line
 from simgrab.io import models
@@ -334,17 +336,20 @@ def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.boo
 
     Separate pieces are judged one by one.
     """
-    labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
+    labels, turned = _orientation(mesh)
     outwards, solids, closed = np.ones(len(mesh.faces), bool), [], True
     order = np.argsort(labels, kind="stable")
     for own_faces in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         one = trimesh.Trimesh(mesh.vertices, mesh.faces[own_faces], process=False)
+        if one.is_watertight and not one.is_winding_consistent:
+            outwards[own_faces] = ~turned[own_faces]
+            one.faces = np.where(turned[own_faces, None], one.faces[:, ::-1], one.faces)
         corners = np.asarray(one.triangles) - one.triangles[0, 0]
         volume = float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6
         # A sheet whose back is a second surface is closed too, and holds nothing.
         if one.is_watertight and one.is_winding_consistent and abs(volume) > LEAST_M * float(one.area):
             if volume < 0:
-                outwards[own_faces] = False
+                outwards[own_faces] ^= True
                 one.invert()
             solids.append(one)
         else:
@@ -352,6 +357,24 @@ def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.boo
             one.update_faces(one.unique_faces())
             solids.append(_plates(one))
     return trimesh.util.concatenate(solids), closed, outwards
+
+
+def _orientation(mesh: trimesh.Trimesh) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Return the piece that each face belongs to, by number, and whether it shows another side than the piece's first.
+
+    The second is of use where the piece has two sides.
+    """
+    pairs, n = mesh.face_adjacency, len(mesh.faces)
+    start, end = mesh.face_adjacency_edges.T[..., None]
+    forwards = [((mesh.faces[side] == start) & (np.roll(mesh.faces[side], -1, axis=1) == end)).any(axis=1)
+                for side in pairs.T]  # fmt: skip
+    # Every face is there twice, as it is and turned: neighbours that agree are in one component.
+    across = np.where(forwards[0] == forwards[1], n, 0)
+    first, second = np.concatenate([pairs, pairs + n]).T
+    second = (second + np.tile(across, 2)) % (2 * n)
+    links = coo_array((np.ones(len(first), bool), (first, second)), shape=(2 * n, 2 * n))
+    as_is, turned = connected_components(links, directed=False)[1].reshape(2, n)
+    return np.minimum(as_is, turned), as_is > turned
 
 
 def _plates(sheet: trimesh.Trimesh) -> trimesh.Trimesh:
