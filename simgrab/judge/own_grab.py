@@ -115,7 +115,7 @@ def check(scene: Scenario) -> Understood:
     assert isinstance(keys, Mesh)
     model, reading = _read(keys)
     made = design(keys, reading)
-    doubts = _doubts_of_file(keys, model, reading) + _doubts(keys, reading.pieces, made)
+    doubts = _loose(reading) + _doubts_of_file(keys, model, reading) + _doubts(keys, reading.pieces, made)
     hangs = f"{msgspec.to_builtins(scene.suspension)['model']} (suspension.model): one-body leans as its ropes do"
     return Understood([*_facts(keys, model, reading, made), ("hangs as", hangs)], doubts, turntable(scene))
 
@@ -160,7 +160,12 @@ def remarks(grab: Grab) -> list[str]:
     size = _sides(reading)
     sides = " × ".join(f"{side:.2f}" for side in size)
     stated = f"taken as {sides} m (x, y, z up), with grab.scale = {grab.scale:g}"
-    return [stated, *_doubts_of_size(size), *_doubts_of_axis(grab, model, reading)]
+    return [stated, *_loose(reading), *_doubts_of_size(size), *_doubts_of_axis(grab, model, reading)]
+
+
+def _loose(reading: ImportedModel) -> list[str]:
+    advice = "it counts in size, mass and boxes. Remove it from the file if it is no part of the grab."
+    return [f"{said}: {advice}" for said in reading.loose[0]]
 
 
 def _extent(design: Design) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ import pickle
 import re
 import resource
 import struct
+import time
 
 import msgspec
 import numpy as np
@@ -30,6 +31,7 @@ from simgrab.judge.audit.audit import audit
 from simgrab.model import scenes
 from simgrab.model.scenario import Jaw, Mesh
 from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.grabs.loose import loose
 
 YELLOW = (230, 180, 20, 255)
 
@@ -516,6 +518,38 @@ def test_the_check_doubts_jaws_that_close_as_they_open_and_hinges_in_the_air(fil
     changes = {"grab.jaws": jaws, "swing.clamp": True}
     doubts = " ".join(own_grab.check(own_grab.scene_of(files["glb"], changes)).doubts)
     assert re.search(doubt, doubts) if doubt else not re.search("inwards|hinge", doubts)
+
+
+@pytest.mark.parametrize("kind", ["glb", "stl"])
+@pytest.mark.parametrize("away", [0.0, 0.15, 0.5, 2.5, 7.0, 40.0])
+def test_steel_that_touches_nothing_is_named(tmp_path, kind, away):
+    """A block beside the tongs, as a node or among the triangles of all."""
+    scene = tongs()
+    block = translation_matrix((1.3 + away, 0, 1.4))
+    scene.add_geometry(trimesh.creation.box((0.2, 0.2, 0.2)), node_name="Mass_1", transform=block)
+    (scene if kind == "glb" else scene.to_mesh()).export(tmp_path / f"a.{kind}")
+    node = "'Mass_1'" if kind == "glb" else "a part of '.*'"
+    said = rf"^(grab.file: )?{node} at \({1.3 + away:.2f}, 0.00, 1.40\) m touches nothing.* {away:.2f} m away"
+    try:
+        scene = own_grab.scene_of(tmp_path / f"a.{kind}", {"grab.up": "z"})
+        found = own_grab.check(scene).doubts
+        assert found[0] in own_grab.remarks(scene.grab) or away < 0.25
+    except ScenarioError as refusal:
+        found = [str(refusal)]
+        assert found[0].endswith("would be 42.6 × 0.6 × 1.6 m with it, and 2.4 × 0.6 × 1.6 m without")
+    assert bool(re.search(said, found[0])) == (away > 0.25)
+    assert (away == 40.0) == found[0].startswith("grab.file")
+
+
+def test_a_long_thin_bar_is_one_piece_and_hostile_crowds_are_quick():
+    rng = np.random.default_rng(0)
+    bar = trimesh.creation.box((1e-4, 1e-4, 9.0)).triangles
+    plate = trimesh.creation.box((9.0, 9.0, 0.01)).triangles + [0, 0, 4.5]
+    assert loose([("bar", bar), ("plate", plate)], np.zeros(3))[0] == []
+    crowd = 10 ** rng.uniform(-2, 7, (100_000, 1, 1)) * rng.normal(size=(100_000, 1, 3)) + rng.normal(size=(1, 3, 3))
+    start = time.process_time()
+    assert len(loose([("crowd", crowd)], np.zeros(3))[0]) <= 24
+    assert time.process_time() - start < 20
 
 
 @pytest.mark.parametrize("hollow", [False, True])

@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -25,6 +26,7 @@ from simgrab.world.scenery.grabs import formats, kit
 from simgrab.world.scenery.grabs.design import Body, Design
 from simgrab.world.scenery.grabs.formats.contents import Contents, Shape
 from simgrab.world.scenery.grabs.looks import ShapeMaterials
+from simgrab.world.scenery.grabs.loose import loose
 from simgrab.world.scenery.meshes.part import Part
 
 LEAST_SIDE_M, MOST_SIDE_M = 0.3, 15.0
@@ -68,6 +70,11 @@ class Piece:
         """Of all parts, shape (n, 3)."""
         return np.concatenate([np.asarray(part.mesh.vertices) for part in self.parts])
 
+    @property
+    def triangles(self) -> Array:
+        """Of all parts, shape (n, 3, 3)."""
+        return np.concatenate([np.asarray(part.mesh.triangles) for part in self.parts])
+
 
 @dataclass(frozen=True, eq=False)
 class ImportedModel:
@@ -87,6 +94,11 @@ class ImportedModel:
     origin_m: Array
     contents: Contents
 
+    @cached_property
+    def loose(self) -> tuple[list[str], Array]:
+        """What touches no other steel, and the sides of the rest, as `loose` gives them."""
+        return loose([(piece.nodes[0], piece.triangles) for piece in self.pieces], self.origin_m)
+
 
 def from_file(keys: Mesh) -> Design:
     """Return the design of a user's own grab.
@@ -104,7 +116,7 @@ def design(keys: Mesh, reading: ImportedModel) -> Design:
     found, origin = reading.pieces, reading.origin_m
     points = np.concatenate([piece.vertices for piece in found])
     low, high = points.min(axis=0), points.max(axis=0)
-    _check_size(high - low, keys.scale)
+    _check_size(high - low, keys.scale, reading)
     _check_points(keys, low + origin, high + origin)
     keys = _from(keys, origin)
     ends = _rope_ends(keys, low, high)
@@ -150,10 +162,16 @@ def _refuse(problem: str) -> SimgrabError:
     return ScenarioError("grab.file", problem)
 
 
-def _check_size(size: Array, scale: float) -> None:
+def _check_size(size: Array, scale: float, reading: ImportedModel) -> None:
     longest = float(size.max())
     stated = " × ".join(f"{side:.3g}" for side in size)
     if not LEAST_SIDE_M <= longest <= MOST_SIDE_M:
+        found, sides = reading.loose
+        longest = float(sides.max())
+        if found and LEAST_SIDE_M <= longest <= MOST_SIDE_M:
+            rest = " × ".join(f"{side:.3g}" for side in sides)
+            raise ScenarioError("grab.file", f"{'; '.join(found[:3])}. Remove it from the file: the grab would be "
+                                f"{stated} m with it, and {rest} m without")  # fmt: skip
         likely = {unit: s for unit, s in UNITS.items() if 3 * LEAST_SIDE_M <= longest / scale * s <= MOST_SIDE_M}
         fits = [f"{unit} (scale = {s:g})" for unit, s in likely.items()]
         hint = f"; it would fit in {' or '.join(fits)}" if fits else ""
