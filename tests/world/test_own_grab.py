@@ -18,6 +18,7 @@ from click.testing import CliRunner
 from gltf_files import Gltf, base_colour
 from msgspec.structs import replace
 from PIL import Image
+from scipy.spatial.transform import Rotation
 from trimesh.transformations import translation_matrix
 
 import simgrab
@@ -30,6 +31,7 @@ from simgrab.judge import own_grab
 from simgrab.judge.audit.audit import audit
 from simgrab.model import scenes
 from simgrab.model.scenario import Jaw, Mesh
+from simgrab.model.scenario.grab import Clamshell, OrangePeel, Scissors
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.loose import loose
 
@@ -510,14 +512,42 @@ def test_the_check_shows_what_was_understood_and_what_may_be_wrong(files, tmp_pa
     [
         ({}, ""),
         ({"open_deg": -20.0}, "lower end of 'HookLeft' moves inwards as it opens"),
-        ({"hinge_m": (-4.0, 0.0, 1.2)}, "hinge of 'HookLeft' lies 2.* m outside"),
+        ({"hinge_m": (-4.0, 0.0, 1.2)}, r"hinge of 'HookLeft' lies 3\.0. m from its own steel"),
+        ({"hinge_m": (0.0, 0.0, 1.4)}, r"hinge of 'HookLeft' lies 0\.8. m from its own steel"),  # in the beam
+        ({"hinge_m": (-0.9, 9.0, 1.3)}, ""),  # on the same axis, a little higher
+        ({"axis": (0.0, 0.0, 1.0)}, "axis of 'HookLeft', .*, is vertical"),
+        ({"axis": (0.0, 0.0, -1.0)}, "axis of 'HookLeft', .*, is vertical"),
+        ({"lips_m": ((-0.8, 0.2, 0.0), (-0.4, 0.2, 0.1))}, r"lips_m of 'HookLeft' lies 0\.40 m from its steel"),
     ],
 )
-def test_the_check_doubts_jaws_that_close_as_they_open_and_hinges_in_the_air(files, left, doubt):
+def test_the_check_doubts_jaws_that_close_as_they_open_and_what_lies_in_the_air(files, left, doubt):
     jaws = [msgspec.to_builtins(jaw) for jaw in (replace(JAWS[0], **left), JAWS[1])]
     changes = {"grab.jaws": jaws, "swing.clamp": True}
     doubts = " ".join(own_grab.check(own_grab.scene_of(files["glb"], changes)).doubts)
-    assert re.search(doubt, doubts) if doubt else not re.search("inwards|hinge", doubts)
+    about_jaws = re.findall("inwards|hinge|vertical|point of lips_m|apart|touches", doubts)
+    assert re.search(doubt, doubts) and len(set(about_jaws)) == 1 if doubt else not about_jaws
+
+
+@pytest.mark.parametrize("shown_open", [False, True])
+@pytest.mark.parametrize("grab", [Clamshell(), OrangePeel(), OrangePeel(tines=3, shells="open"), Scissors()])
+def test_the_check_doubts_a_file_that_shows_the_grab_open(tmp_path, grab, shown_open):
+    """Bundled grabs as files: closed, they are sound."""
+    made = design_of(grab)
+    closed, opened = made.frames(0.0), made.frames(made.max_jaw)
+    scene, jaws = trimesh.Scene(), []
+    for body in made.bodies:
+        pose = (opened if shown_open else closed)[body.name]
+        scene.add_geometry(body.steel, node_name=body.name, transform=pose)
+        if body.name.startswith(("shell", "tine")):
+            turn = Rotation.from_matrix((opened[body.name] @ np.linalg.inv(closed[body.name]))[:3, :3])
+            degrees = float(np.degrees(turn.as_rotvec() @ body.axis))
+            jaws.append({"node": body.name, "hinge_m": pose[:3, 3].tolist(), "axis": body.axis, "open_deg": degrees})
+    scene.export(tmp_path / "a.glb")
+    ends = {"grab.ropes": len(made.terminations), "grab.rope_ends_m": made.terminations.tolist()}
+    changes = ends | {"grab.up": "z", "grab.jaws": jaws, "swing.clamp": True}
+    doubts = " ".join(own_grab.check(own_grab.scene_of(tmp_path / "a.glb", changes)).doubts)
+    assert ("does the file show the grab open" in doubts) == shown_open
+    assert not re.search("hinge|vertical|inwards|touches", doubts)
 
 
 @pytest.mark.parametrize("kind", ["glb", "stl"])
