@@ -67,6 +67,8 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
     facts = {
         "frames": f"{frames} ({', '.join(f'{split} {n}' for split, n in counts.items())}){part}",
         "with a box": f"{tally.labelled}",
+        "without a visible grab": f"{frames - tally.labelled - tally.below_least}",
+        "of a grab too hidden for a box": f"{tally.below_least}",
         "swing α": f"up to {tally.alpha_max:.2f}°",
         "camera tilt β": f"{tally.beta_min:.2f} to {tally.beta_max:.2f}°",
         "rope": f"{tally.shortest_m:.1f} to {tally.longest_m:.1f} m",
