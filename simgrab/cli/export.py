@@ -39,7 +39,7 @@ def command(
     from simgrab.dataset import shard_reader
     from simgrab.dataset.export import export
     from simgrab.dataset.summary import background
-    from simgrab.dataset.yolo import straightened
+    from simgrab.dataset.yolo import stand_ins, straightened
 
     opened = shard_reader.open(dataset)
     with bar("exporting", shown=not quiet) as progress:
@@ -53,6 +53,7 @@ def command(
     if leave_out_hidden:
         left = len(opened) - summary.frames
         lines = [f"left out: {left} frames that show less of the grab than labels.least_visible_fraction"]
+    lines += stand_ins([split for split, frames in summary.splits.items() if frames], layout)
     if layout == "yolo-obb" and not is_url(out):
         lines.append(straightened(Path(out)))
     for line in filter(None, lines):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from simgrab.dataset import yolo
 from simgrab.dataset.preview import NAME as SHEET
 from simgrab.dataset.summary import Tally
 from simgrab.model.scenario import Scenario
@@ -84,7 +85,7 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
         "Pictures of a swinging crane grab with exact labels, rendered by [simgrab](https://github.com/simgrab/simgrab).",
         f"![Some frames with their labels]({SHEET})",
         "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in facts.items())]),
-        "## How to load", loading,
+        "## How to load", loading, *yolo.stand_ins(counts, layout),
         f"`{table}` has a row for each frame; its metadata describes the columns. `camera.toml` is the camera's "
         "calibration. `simgrab render manifest.json` renders the scene again.",
         "## Licence", licence,

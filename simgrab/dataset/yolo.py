@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -143,6 +143,18 @@ def data_yaml(full: Sequence[str], kind: str) -> bytes:
             lines += [f"# {split} has no frames, and trainers need some: these are those of {full[0]}."]
             lines += [f"{split}: images/{full[0]}"]
     return "\n".join([*lines, *KINDS[kind].yaml, "nc: 1", "names: [grab]", ""]).encode()
+
+
+def stand_ins(full: Collection[str], layout: str) -> list[str]:
+    """State where a layout's ``data.yaml`` names another split's frames, given the splits that have some, in order."""
+    if layout != "simgrab" and not layout.startswith("yolo"):
+        return []
+    cure = "render more worlds or frames, or set splits or seed"
+    return [
+        f"data.yaml: {split} has no frames, so it names those of {next(iter(full))}, as trainers need some; {cure}"
+        for split in _NEEDED
+        if split not in full
+    ]
 
 
 def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Array:

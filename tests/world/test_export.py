@@ -328,6 +328,24 @@ def test_the_command_states_how_many_grabs_are_background(source, tmp_path):
     assert "have no label" not in left
 
 
+def test_a_split_that_stands_in_for_an_empty_one_is_named(source, tmp_path):
+    train = tmp_path / "train-only"
+    export(source.split("train"), train, format="simgrab", part=True)
+    for layout, named in (("yolo-pose", True), ("simgrab", True), ("coco", False)):
+        out = tmp_path / layout
+        done = CliRunner().invoke(cli, ["export", str(train), "--format", layout, "--out", str(out)])
+        for text in (done.output, (out / "README.md").read_text()):
+            assert ("data.yaml: val has no frames, so it names those of train" in text) == named
+        if named:
+            assert yaml.safe_load((out / "data.yaml").read_text())["val"] == "images/train"
+    assert (
+        "has no frames"
+        not in CliRunner()
+        .invoke(cli, ["export", str(source.path), "--format", "yolo", "--out", str(tmp_path / "full")])
+        .output
+    )
+
+
 def test_shards_give_the_same_exports(exported, tmp_path):
     shards = simgrab.open(exported / "webdataset")
     for name in FORMATS:
