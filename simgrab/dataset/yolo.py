@@ -96,9 +96,14 @@ def straightened(folder: Path) -> str:
     )
 
 
+_KEY_POINTS = (
+    "task: pose",
+    f"kpt_shape: [{len(KEYPOINT_NAMES)}, 3]",
+    f"kpt_names: {{0: [{', '.join(KEYPOINT_NAMES)}]}}",  # by class
+)
 KINDS = {
     "box": YoloKind(_box),
-    "pose": YoloKind(_pose, ("task: pose", f"kpt_shape: [{len(KEYPOINT_NAMES)}, 3]")),
+    "pose": YoloKind(_pose, _KEY_POINTS),
     "seg": YoloKind(_polygon, ("task: segment",), 7),
     "obb": YoloKind(_oriented, ("task: obb",)),
 }

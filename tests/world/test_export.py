@@ -169,7 +169,10 @@ def test_the_command_counts_upright_boxes_in_folders(source, url, tmp_path):
 @pytest.mark.parametrize(
     ("kind", "stated"),
     [
-        ("pose", {"task": "pose", "kpt_shape": [len(KEYPOINT_NAMES), 3]}),
+        (
+            "pose",
+            {"task": "pose", "kpt_shape": [len(KEYPOINT_NAMES), 3], "kpt_names": {0: list(KEYPOINT_NAMES)}},
+        ),
         ("seg", {"task": "segment"}),
         ("obb", {"task": "obb"}),
     ],
