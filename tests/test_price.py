@@ -58,6 +58,24 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(monke
     assert price.measured(Serial(Recipe(same), 1)).worlds == 1
 
 
+@pytest.mark.parametrize("clip_frames", [1, 2, 4, 7, 8, 16])
+@pytest.mark.parametrize("world", [0.5, 3.0, 30.0])
+def test_the_key_that_saves_time_is_named_where_few_frames_share_a_world(monkeypatch, clip_frames, world):
+    clock = SimpleNamespace(now=0.0, world=None)
+
+    def make(_generator, frame):
+        clock.now += 1.0 + world * (frame // clip_frames != clock.world)
+        clock.world = frame // clip_frames
+        return SimpleNamespace(files={}, record=None)
+
+    monkeypatch.setattr(price.stored, "make", make)
+    monkeypatch.setattr(price, "vet", lambda *_: None)
+    monkeypatch.setattr(price, "time", SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.now))
+    found = price.measured(Serial(Recipe(simgrab.load("training", {"clip.clip_frames": clip_frames})), 1))
+    assert found.seconds == pytest.approx(800 * (1 + world / clip_frames), rel=0.01)
+    assert ("clip.clip_frames" in str(found)) == (clip_frames < 8 and world > clip_frames)
+
+
 @pytest.mark.parametrize(("clip_frames", "workers", "share"), [(0, 4, 1), (100, 4, 1 / 4), (500, 4, 1 / 2)])
 def test_a_videos_price_is_its_bit_rate_and_a_process_for_each_clip(monkeypatch, clip_frames, workers, share):
     clock = SimpleNamespace(now=0.0)

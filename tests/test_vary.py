@@ -168,6 +168,29 @@ def test_factors_that_cannot_be_are_refused_when_read(key, factor, message):
     assert message in caught.value.problem
 
 
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("grab.drive", ["ropes", "hydraulic"]), ("grab.tines", [3, 5]), ("weather.lens_drops", [0, 3]),
+        ("grab.ladder", [False, True]), ("grab.paint_rgb", [[1.0, 0.0, 0.0]]), ("weather", [{"rain_mm_h": 3.0}]),
+    ],
+)  # fmt: skip
+def test_a_choice_among_other_than_decimal_numbers_is_refused_with_a_cure(key, values):
+    def load(dist):
+        return varied(vary={key: {"dist": dist, "values": values}}, **{"grab.model": "orange-peel"})
+
+    with pytest.raises(ScenarioError, match=r'; .*dist = "one-of"'):
+        load("choice")
+    assert load("one-of").vary[key].values == tuple(values)
+
+
+@pytest.mark.parametrize("factor", [UNIFORM | {"high": 40.0}, UNIFORM | {"low": "1"}, UNIFORM | {"dist": "unifrom"}])
+def test_a_cure_that_would_not_help_is_not_named(factor):
+    with pytest.raises(ScenarioError, match=r"^vary\.camera\.beta_deg") as caught:
+        varied(vary={"camera.beta_deg": factor})
+    assert 'dist = "one-of"' not in caught.value.problem
+
+
 def test_clips_must_have_a_length():
     with pytest.raises(ScenarioError, match=r"clip\.clip_frames"):
         varied(clip_frames=0)

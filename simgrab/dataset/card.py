@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from simgrab.dataset import yolo
 from simgrab.dataset.preview import NAME as SHEET
 from simgrab.dataset.summary import Tally
 from simgrab.model.scenario import Scenario
@@ -67,6 +68,8 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
     facts = {
         "frames": f"{frames} ({', '.join(f'{split} {n}' for split, n in counts.items())}){part}",
         "with a box": f"{tally.labelled}",
+        "without a visible grab": f"{frames - tally.labelled - tally.below_least}",
+        "of a grab too hidden for a box": f"{tally.below_least}",
         "swing α": f"up to {tally.alpha_max:.2f}°",
         "camera tilt β": f"{tally.beta_min:.2f} to {tally.beta_max:.2f}°",
         "rope": f"{tally.shortest_m:.1f} to {tally.longest_m:.1f} m",
@@ -82,7 +85,7 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
         "Pictures of a swinging crane grab with exact labels, rendered by [simgrab](https://github.com/simgrab/simgrab).",
         f"![Some frames with their labels]({SHEET})",
         "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in facts.items())]),
-        "## How to load", loading,
+        "## How to load", loading, *yolo.stand_ins(counts, layout),
         f"`{table}` has a row for each frame; its metadata describes the columns. `camera.toml` is the camera's "
         "calibration. `simgrab render manifest.json` renders the scene again.",
         "## Licence", licence,

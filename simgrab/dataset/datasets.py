@@ -219,7 +219,7 @@ class RowStore(Protocol):
 
     def __len__(self) -> int: ...
 
-    def at(self, positions: range) -> Iterator[tuple[Row, DatasetFiles]]:
+    def at(self, positions: Sequence[int]) -> Iterator[tuple[Row, DatasetFiles]]:
         """Return the rows at these positions, in this order."""
 
     def find(self, number: int) -> int:
@@ -245,9 +245,11 @@ class FolderRows:
     def __len__(self) -> int:
         return int(self.table.num_rows)
 
-    def at(self, positions: range) -> Iterator[tuple[Row, DatasetFiles]]:  # noqa: D102
-        near = positions.step == 1
-        some = self.table.slice(positions.start, len(positions)) if near else self.table.take(pa.array(positions))
+    def at(self, positions: Sequence[int]) -> Iterator[tuple[Row, DatasetFiles]]:  # noqa: D102
+        if isinstance(positions, range) and positions.step == 1:
+            some = self.table.slice(positions.start, len(positions))
+        else:
+            some = self.table.take(pa.array(positions, pa.int64()))
         return ((row, self.files) for row in frame_files.converted(some, Row, self.files.folder))
 
     def find(self, number: int) -> int:  # noqa: D102
@@ -282,7 +284,7 @@ class Dataset(Sequence[LabelledFrame]):
     data: DatasetIdentity
     least_visible_fraction: float
     _rows: RowStore = field(repr=False)
-    _positions: range = field(repr=False)  # among these rows
+    _positions: Sequence[int] = field(repr=False)  # among these rows
 
     @property
     def path(self) -> Path:
@@ -368,6 +370,12 @@ class Dataset(Sequence[LabelledFrame]):
         rows = self._rows.split(name)
         return replace(self, _rows=rows, _positions=range(len(rows)))
 
+    def without_hidden(self) -> Dataset:
+        """Leave out frames that show some of the grab, but too little for a detection label."""
+        rows = zip(self._positions, self._rows.at(self._positions), strict=True)
+        kept = tuple(position for position, (row, _) in rows if not self.is_hidden(row))
+        return self if len(kept) == len(self) else replace(self, _positions=kept)
+
     def with_rows(self, table: pa.Table) -> Dataset:
         """Replace the labels by other labels of the same folder, by frame, in the columns of ``labels.parquet``."""
         assert isinstance(self._rows, FolderRows)
@@ -408,6 +416,10 @@ class Dataset(Sequence[LabelledFrame]):
     def is_labelled(self, row: Row) -> bool:
         """Whether detection labels hold a box for the row."""
         return labels.is_labelled(row, self.least_visible_fraction)
+
+    def is_hidden(self, row: Row) -> bool:
+        """Whether a row shows some of the grab, but too little for a detection label."""
+        return row.box_x0_px is not None and not self.is_labelled(row)
 
 
 def read_manifest(store: Store) -> Any:

@@ -23,7 +23,7 @@ from simgrab.dataset import shard_reader as sharded
 from simgrab.dataset.card import HF_SPLITS
 from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
 from simgrab.dataset.shards import Packed
-from simgrab.dataset.summary import Tally
+from simgrab.dataset.summary import Summary, Tally
 from simgrab.dataset.tables import Contents, LabelWriter
 from simgrab.errors import DatasetError
 from simgrab.io import files
@@ -57,6 +57,8 @@ class ExportSource:
     sensors : dict of str to str
         SHA-256 of its sensor files, by name. Every format includes these files.
     format : str
+    tally : Tally
+        Of all its frames.
     """
 
     dataset: Dataset
@@ -66,12 +68,13 @@ class ExportSource:
     shard_frames: int
     sensors: dict[str, str]
     format: str
+    tally: Tally
 
     @property
     def contents(self) -> Contents:
-        """What describes it; goes through its labels."""
-        tally = functools.reduce(Tally.__add__, (Tally.of([f.truth], self.scenario) for f in self.dataset), Tally())
-        return Contents(self.core, self.scenario, self.rendered_by, preview.tiles(self.dataset), tally, self.format)
+        """What describes it."""
+        tiles = preview.tiles(self.dataset)
+        return Contents(self.core, self.scenario, self.rendered_by, tiles, self.tally, self.format)
 
 
 def export(
@@ -82,7 +85,8 @@ def export(
     shard_frames: int | None = None,
     progress: Progress | None = None,
     part: bool = False,
-) -> None:
+    leave_out_hidden: bool = False,
+) -> Summary:
     """Write a finished dataset, or a part of one, in the layout of another tool.
 
     Every format includes all labels of each frame, in ``labels.parquet`` or beside its picture, and the files of the
@@ -108,6 +112,14 @@ def export(
         Accept a part of a dataset in a folder, such as a split or a slice. Frames keep their numbers and their order.
         The manifest states under ``selection`` the number of frames of the whole dataset, and the digest of its labels.
         Not with ``webdataset``, whose shards are found by the numbers of their frames.
+    leave_out_hidden : bool
+        Leave out frames that show some of the grab, but less than ``labels.least_visible_fraction``, which detectors
+        would take for background. What remains is such a part.
+
+    Returns
+    -------
+    Summary
+        Of the frames that were written; ``made`` is 0.
 
     Raises
     ------
@@ -116,29 +128,35 @@ def export(
     """
     if format not in FORMATS:
         raise DatasetError(f"no format {format!r}; one of: {', '.join(FORMATS)}")
-    if part and format == "webdataset":
+    if (part or leave_out_hidden) and format == "webdataset":
         raise DatasetError("a part of a dataset cannot be exported as webdataset; choose another format")
     opened = dataset if isinstance(dataset, Dataset) else sharded.open(dataset)
-    source = _source(opened, shard_frames, format, part=part)
+    source = _source(opened, shard_frames, format, part=part, leave_out_hidden=leave_out_hidden)
+    summary = Summary.of(out, source.tally, source.scenario, 0, source.rendered_by.digest)
     if is_url(out):
         store = Store(str(out))
         if store.names():
             raise DatasetError(f"{out} is not empty; choose another --out")
         _write(source, store, progress)
-        return
+        return summary
     check_new_folder(Path(out), DatasetError)
     try:
         with files.drafted_folder(Path(out).absolute()) as draft:
             _write(source, Store(str(draft)), progress)
     except OSError as problem:
         raise DatasetError(f"cannot write {out}: {problem.strerror or problem}") from None
+    return summary
 
 
-def _source(dataset: Dataset, shard_frames: int | None, format: str, *, part: bool) -> ExportSource:
+def _source(
+    dataset: Dataset, shard_frames: int | None, format: str, *, part: bool, leave_out_hidden: bool
+) -> ExportSource:
     if not dataset.is_whole:
         if not part:
             raise DatasetError("a part of a dataset cannot be exported without part=True")
         _check_part(dataset)
+    if leave_out_hidden and not (dataset := dataset.without_hidden()):
+        raise DatasetError("no frame is left: all show less of the grab than labels.least_visible_fraction")
     known, where = dataset.manifest, f"{dataset.store.place}/{MANIFEST}"
     try:
         about = {key: value for key, value in known["renderer"].items() if key != "fingerprint"}
@@ -159,7 +177,8 @@ def _source(dataset: Dataset, shard_frames: int | None, format: str, *, part: bo
         if name not in listed:
             raise DatasetError(f"{where}: it lists no {name}, which the scenario's sensors have")
         carried[name] = str(listed[name])
-    return ExportSource(dataset, scenario, core, rendered_by, each, carried, format)
+    tally = functools.reduce(Tally.__add__, (Tally.of([frame.truth], scenario) for frame in dataset), Tally())
+    return ExportSource(dataset, scenario, core, rendered_by, each, carried, format, tally)
 
 
 def _check_part(dataset: Dataset) -> None:

@@ -23,6 +23,8 @@ from simgrab.world.frames import FrameGenerator
 
 FEW = 200
 """Frames from which an estimate pays: it takes about as long as ten of them."""
+FEW_A_WORLD = 8
+"""Below as many frames of a world, worlds that take more than half of the time are named."""
 _PLACES, _ORDER = 4, (0, 2, 1, 3)  # of the dataset, at which frames are made: by what they show they take more or less
 _LEAST, _SHARE = 2, 0.05  # places at first; share of the time for it all, after which no others are tried
 
@@ -40,6 +42,8 @@ class Price:
         Bytes on the disk.
     tried : int
         Frames that were made for it.
+    by_worlds : bool
+        Whether worlds take more than half of the time, and have few frames each.
     """
 
     frames: int
@@ -47,13 +51,15 @@ class Price:
     seconds: float
     size: int
     tried: int
+    by_worlds: bool = False
 
     def __str__(self) -> str:
         worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
         checked = ", with the check of all draws," if self.worlds > 1 else ""
+        cure = "; worlds take most of it: a larger clip.clip_frames makes fewer" if self.by_worlds else ""
         return (
             f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}, "
-            f"estimated from {self.tried} frames"
+            f"estimated from {self.tried} frames{cure}"
         )
 
 
@@ -95,7 +101,10 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     if video:
         size += frames / scenario.clip.frame_rate_hz * scenario.clip.bit_rate_mbit_s * 1e6 / 8
     worlds = scenario.clip.count(frames) if varies else 1
-    return Price(frames, worlds, seconds, round(size), sum(sample.kind < len(periods) for sample in samples))
+    made = sum(sample.kind < len(periods) for sample in samples)
+    without = _total([0] * (len(periods) - 1) + [frames, 0], samples, "wall_s")
+    by_worlds = varies and periods[-2] < FEW_A_WORLD and without < walls / 2
+    return Price(frames, worlds, seconds, round(size), made, by_worlds)
 
 
 class _Sample(NamedTuple):
@@ -131,11 +140,11 @@ def _total(counts: list[int], samples: list[_Sample], of: str) -> float:
 
 
 def _periods(recipe: Recipe) -> list[int]:
-    """After how many frames something is drawn anew, the longest first; 1 is of every frame."""
+    """After how many frames something is drawn anew, the longest first; the last, 1, is of every frame."""
     scenario = recipe.scenario
     if not recipe.varies:
         return [scenario.frames, 1]
-    return sorted({scenario.clip.clip_frames or scenario.frames, *scenario.every.values(), 1}, reverse=True)
+    return [*sorted({scenario.clip.clip_frames or scenario.frames, *scenario.every.values()}, reverse=True), 1]
 
 
 def _counts(periods: list[int], frames: int) -> list[int]:
@@ -145,9 +154,12 @@ def _counts(periods: list[int], frames: int) -> list[int]:
 
 
 def _samples(periods: list[int], first: int, frames: int) -> list[tuple[int, int]]:
-    """Kinds and numbers of the frames to make from a place on: the beginning of each period, and some of the others."""
+    """Kinds and numbers of the frames to make from a place on: the beginning of each period, and some of the others.
+
+    Where each frame begins one, the first is made again, which draws nothing.
+    """
     last = len(periods) - 1
-    others = [(last, first + n) for n in (1, 2) if last and n < periods[last - 1]]
+    others = [(last, first + n) for n in (1, 2) if n < periods[last - 1]] or [(last, first)]
     begin = [(kind, first + periods[kind]) for kind in range(last - 1, 0, -1)]
     return [(kind, frame) for kind, frame in [(0, first), *others, *begin] if frame < frames]
 

@@ -211,7 +211,7 @@ class ShardRows:
     def __len__(self) -> int:
         return sum(self._counts)
 
-    def at(self, positions: range) -> Iterator[tuple[Row, DatasetFiles]]:  # noqa: D102
+    def at(self, positions: Sequence[int]) -> Iterator[tuple[Row, DatasetFiles]]:  # noqa: D102
         for shard, places in itertools.groupby(map(self._at, positions), key=operator.itemgetter(0)):
             files, rows = self._shard(shard)
             yield from _ahead(files, [rows[rank] for _, rank in places])

@@ -207,13 +207,18 @@ class Summary:
         )
 
 
+def background(summary: Summary) -> list[str]:
+    """Count the frames that trainers take for background although they show some of the grab."""
+    return [
+        "frames that show less of the grab than labels.least_visible_fraction, and have no label: "
+        f"{summary.below_least}; other trainers than simgrab's take them for background, unless "
+        "simgrab export --leave-out-hidden leaves them out"
+    ] * bool(summary.below_least)
+
+
 def doubts(summary: Summary | VideoSummary) -> list[str]:
     """Name visible grabs without a label, and keys of the swing clamped in more than `MANY_CLAMPED` of the frames."""
-    hidden = summary.below_least if isinstance(summary, Summary) else 0
-    return [
-        f"frames that show less of the grab than labels.least_visible_fraction, and have no label: {hidden}; other "
-        "trainers than simgrab's take them for background, unless you leave them out (docs/loading.md)"
-    ] * bool(hidden) + [
+    return (background(summary) if isinstance(summary, Summary) else []) + [
         f"swing.{key}: {count} of {summary.frames} draws were impossible and were clamped, so they pile up at "
         "the ends of what is possible: state a range that fits, or change the place or the grab"
         for key, count in (summary.clamped or {}).items()

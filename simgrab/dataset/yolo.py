@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -96,9 +96,14 @@ def straightened(folder: Path) -> str:
     )
 
 
+_KEY_POINTS = (
+    "task: pose",
+    f"kpt_shape: [{len(KEYPOINT_NAMES)}, 3]",
+    f"kpt_names: {{0: [{', '.join(KEYPOINT_NAMES)}]}}",  # by class
+)
 KINDS = {
     "box": YoloKind(_box),
-    "pose": YoloKind(_pose, ("task: pose", f"kpt_shape: [{len(KEYPOINT_NAMES)}, 3]")),
+    "pose": YoloKind(_pose, _KEY_POINTS),
     "seg": YoloKind(_polygon, ("task: segment",), 7),
     "obb": YoloKind(_oriented, ("task: obb",)),
 }
@@ -143,6 +148,18 @@ def data_yaml(full: Sequence[str], kind: str) -> bytes:
             lines += [f"# {split} has no frames, and trainers need some: these are those of {full[0]}."]
             lines += [f"{split}: images/{full[0]}"]
     return "\n".join([*lines, *KINDS[kind].yaml, "nc: 1", "names: [grab]", ""]).encode()
+
+
+def stand_ins(full: Collection[str], layout: str) -> list[str]:
+    """State where a layout's ``data.yaml`` names another split's frames, given the splits that have some, in order."""
+    if layout != "simgrab" and not layout.startswith("yolo"):
+        return []
+    cure = "render more worlds or frames, or set splits or seed"
+    return [
+        f"data.yaml: {split} has no frames, so it names those of {next(iter(full))}, as trainers need some; {cure}"
+        for split in _NEEDED
+        if split not in full
+    ]
 
 
 def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Array:

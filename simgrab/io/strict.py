@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import re
 import types
@@ -248,8 +249,20 @@ def _of_entries(key: str, table: Mapping[str, Any], kind: Any) -> tuple[str, str
             msgspec.convert(_whole(value, kind), kind)
         except msgspec.ValidationError as problem:
             inner, text = _read(problem, value, kind)
-            return ".".join(filter(None, (key, name, inner))), text
+            return ".".join(filter(None, (key, name, inner))), text + _fitting(value, kind)
     return key, "has a key that is no text"
+
+
+def _fitting(value: Any, kind: Any) -> str:
+    """Name another kind of table that the keys of a refused one fit; empty if there is none."""
+    if not isinstance(value, Mapping) or not (structs := _structs_of(kind)):
+        return ""
+    tag_field, by_tag = _by_tag(structs)
+    for tag in by_tag if str(value.get(tag_field)) in by_tag else ():
+        with contextlib.suppress(msgspec.ValidationError):
+            msgspec.convert({**value, tag_field: tag}, kind)
+            return f'; it fits {tag_field} = "{tag}"'
+    return ""
 
 
 _WORDS = {

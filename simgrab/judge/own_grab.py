@@ -20,6 +20,8 @@ from simgrab.io import models
 from simgrab.io.files import write
 from simgrab.io.parse import shown
 from simgrab.io.pictures import encode
+from simgrab.judge import own_jaws
+from simgrab.judge.own_jaws import IN_AIR_M, distance
 from simgrab.model import scenes
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Grab, Mesh, Scenario
@@ -37,8 +39,6 @@ if TYPE_CHECKING:
 USUAL_SIDES_M, USUAL_KG = (1.2, 7.0), (500.0, 40_000.0)
 MANY_FACES = 150_000
 _ASIDE = 0.05  # share of the width by which the centre of mass may lie beside the ropes' axis
-_HINGE_M = 0.5  # a hinge so far outside of the grab is likely in another unit
-_FAR_M = 0.15  # a rope's end so far from any steel ends in the air
 _COARSE_M = 0.002  # steps of coordinates that show
 _EVEN, _UNEVEN, _SLICES = 0.1, 0.03, 50  # along an axis: may be even, differs from another, and how finely measured
 _MOST_LISTED = 20  # groups of nodes, and nodes
@@ -115,7 +115,7 @@ def check(scene: Scenario) -> Understood:
     assert isinstance(keys, Mesh)
     model, reading = _read(keys)
     made = design(keys, reading)
-    doubts = _doubts_of_file(keys, model, reading) + _doubts(keys, reading.pieces, made)
+    doubts = _loose(reading) + _doubts_of_file(keys, model, reading) + _doubts(keys, reading.pieces, made)
     hangs = f"{msgspec.to_builtins(scene.suspension)['model']} (suspension.model): one-body leans as its ropes do"
     return Understood([*_facts(keys, model, reading, made), ("hangs as", hangs)], doubts, turntable(scene))
 
@@ -160,7 +160,12 @@ def remarks(grab: Grab) -> list[str]:
     size = _sides(reading)
     sides = " × ".join(f"{side:.2f}" for side in size)
     stated = f"taken as {sides} m (x, y, z up), with grab.scale = {grab.scale:g}"
-    return [stated, *_doubts_of_size(size), *_doubts_of_axis(grab, model, reading)]
+    return [stated, *_loose(reading), *_doubts_of_size(size), *_doubts_of_axis(grab, model, reading)]
+
+
+def _loose(reading: ImportedModel) -> list[str]:
+    advice = "it counts in size, mass and boxes. Remove it from the file if it is no part of the grab."
+    return [f"{said}: {advice}" for said in reading.loose[0]]
 
 
 def _extent(design: Design) -> tuple[Array, Array]:
@@ -328,10 +333,9 @@ def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
     steel = trimesh.util.concatenate([b.steel.copy().apply_transform(frames[b.name]) for b in made.bodies])
     advice = "check rope_ends_m, in metres from the file's origin, z up" if keys.rope_ends_m else "give rope_ends_m"
     for i, end in enumerate(made.terminations):
-        nearest = trimesh.triangles.closest_point(steel.triangles, np.tile(end, (len(steel.faces), 1)))
-        distance = float(np.linalg.norm(nearest - end, axis=1).min())
-        if distance > _FAR_M:
-            found.append(f"Rope {i} ends {distance:.2f} m from any steel: {advice}.")
+        away = distance(steel, end)
+        if away > IN_AIR_M:
+            found.append(f"Rope {i} ends {away:.2f} m from any steel: {advice}.")
     if made.terminations[:, 2].min() < low[2] + 0.6 * size[2]:
         found.append("The ropes end in the lower part: check up and rope_ends_m.")
     kg = np.array([body.mass_kg for body in made.bodies])
@@ -342,33 +346,9 @@ def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
                      "Give rope_ends_m or centre_m.")  # fmt: skip
     if not USUAL_KG[0] <= kg.sum() <= USUAL_KG[1]:
         found.append(f"A mass of {kg.sum():,.0f} kg is unusual: give mass_kg.")
-    found += _jaw_doubts(keys, made)
+    found += own_jaws.doubts(keys, made, float(size[:2].max()))
     if not any(map(len, made.lips.values())):
         found.append("There are no keypoints but the rope ends: lips_m gives others.")
-    return found
-
-
-def _jaw_doubts(keys: Mesh, made: Design) -> list[str]:
-    low, high = _extent(made)
-    closed, ajar = made.frames(0.0), made.frames(0.05 * made.max_jaw)
-    bodies = {body.name: body for body in made.bodies}
-    found = []
-    for i, jaw in enumerate(keys.jaws):
-        body = bodies[f"jaw_{i}"]
-        hinge = closed[body.name][:3, 3]
-        aside = float(np.linalg.norm(hinge - np.clip(hinge, low, high)))
-        if jaw.open_deg and aside > _HINGE_M:
-            found.append(f"The hinge of {shown(jaw.node)} lies {aside:.2f} m outside of the grab: check hinge_m, in "
-                         "metres from the file's origin, z up.")  # fmt: skip
-        if not jaw.open_deg or body.parent != made.bodies[0].name:
-            continue
-        steel = np.asarray(body.steel.vertices)
-        height = trimesh.transform_points(steel, closed[body.name])[:, 2]
-        lowest = steel[height <= np.quantile(height, 0.2)]
-        before, after = (trimesh.transform_points(lowest, frames[body.name])[:, :2] for frames in (closed, ajar))
-        outwards = np.linalg.norm(after, axis=1).mean() - np.linalg.norm(before, axis=1).mean()
-        if outwards < 0:
-            found.append(f"The lower end of {shown(jaw.node)} moves inwards as it opens: check the sign of open_deg.")
     return found
 
 

@@ -158,6 +158,7 @@ def test_random_places_vary_as_in_training_around_what_is_stated(grab, tmp_path)
     assert "warning: --mount: only stated in camera.toml" in out
     assert type(scene.camera.mount).__name__ == "FixedMount"
     assert scene.swing.rope_length_m.support() == (8, 22)
+    assert scene.swing.yaw_deg == scenes.load("quay-day").swing.yaw_deg  # as at the quay: ropes turn the grab back
     seen = [Recipe(scene).variant(frame).scenario for frame in range(0, 96, 8)]
     assert len({type(one.place) for one in seen}) > 2
     assert {one.grab.paint_rgb for one in seen} == {tuple(PAINTS["blue"])}

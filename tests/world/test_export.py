@@ -169,7 +169,10 @@ def test_the_command_counts_upright_boxes_in_folders(source, url, tmp_path):
 @pytest.mark.parametrize(
     ("kind", "stated"),
     [
-        ("pose", {"task": "pose", "kpt_shape": [len(KEYPOINT_NAMES), 3]}),
+        (
+            "pose",
+            {"task": "pose", "kpt_shape": [len(KEYPOINT_NAMES), 3], "kpt_names": {0: list(KEYPOINT_NAMES)}},
+        ),
         ("seg", {"task": "segment"}),
         ("obb", {"task": "obb"}),
     ],
@@ -280,13 +283,70 @@ def test_the_card_names_the_files_of_each_split(source, exported):
         known = yaml.safe_load(head)
         assert (known["license"], known["size_categories"]) == ("apache-2.0", ["n<1K"])
         assert f"| frames | 12 ({', '.join(f'{split} {n}' for split, n in source.splits.items())}) |" in body
-        assert f"| with a box | {sum(frame.labelled for frame in source)} |" in body
+        boxes, hidden = (sum(which) for which in zip(*kinds(source), strict=True))
+        assert f"| with a box | {boxes} |" in body
+        assert f"| without a visible grab | {len(source) - boxes - hidden} |" in body
+        assert f"| of a grab too hidden for a box | {hidden} |" in body
         assert f"]({preview.NAME})" in body
         assert (exported / name / preview.NAME).exists()
         for config in known.get("configs", []):
             assert [part["split"] for part in config["data_files"]] == [HF_SPLITS[split] for split in source.splits]
             assert all(list((exported / name).glob(part["path"])) for part in config["data_files"])
         assert ("configs" in known) == (name != "voc")
+
+
+def kinds(source):
+    """Of each frame, whether it has a box, and whether it shows a grab that is too hidden for one."""
+    found = [(frame.labelled, bool(frame.truth.visible_fraction) and not frame.labelled) for frame in source]
+    assert any(hidden for _, hidden in found)
+    return found
+
+
+@pytest.mark.parametrize("name", ["yolo", "yolo-pose", "yolo-seg", "yolo-obb", "coco", "voc", "hf", "simgrab"])
+def test_hidden_grabs_are_left_out_and_counted(name, source, exported, tmp_path):
+    clear = [frame.truth.frame for frame, (_, hidden) in zip(source, kinds(source), strict=True) if not hidden]
+    whole = export(source, tmp_path / "whole", format=name)
+    part = export(source, tmp_path / "part", format=name, leave_out_hidden=True)
+    assert (whole.frames, whole.below_least) == (len(source), len(source) - len(clear))
+    assert (part.frames, part.below_least, part.labelled) == (len(clear), 0, whole.labelled)
+    assert pd.read_parquet(tmp_path / "part" / "labels.parquet").frame.tolist() == clear
+    if name != "hf":
+        assert sorted(int(p.stem) for p in (tmp_path / "part").rglob("*.jpg") if p.stem.isdigit()) == clear
+    shards = simgrab.open(exported / "webdataset")
+    assert export(shards, tmp_path / "other", format=name, leave_out_hidden=True).splits == part.splits
+    with pytest.raises(DatasetError, match="as webdataset"):
+        export(source, tmp_path / "none", format="webdataset", leave_out_hidden=True)
+    with pytest.raises(DatasetError, match="no frame is left"):
+        export(source[1:2], tmp_path / "none", format=name, part=True, leave_out_hidden=True)
+
+
+def test_the_command_states_how_many_grabs_are_background(source, tmp_path):
+    hidden, given = sum(some for _, some in kinds(source)), ["export", str(source.path), "--format", "coco", "--out"]
+    kept, left = (
+        CliRunner().invoke(cli, [*given, str(tmp_path / name), *options]).output
+        for name, options in (("kept", []), ("left", ["--leave-out-hidden"]))
+    )
+    assert f"have no label: {hidden};" in kept
+    assert f"left out: {hidden} frames" in left
+    assert "have no label" not in left
+
+
+def test_a_split_that_stands_in_for_an_empty_one_is_named(source, tmp_path):
+    train = tmp_path / "train-only"
+    export(source.split("train"), train, format="simgrab", part=True)
+    for layout, named in (("yolo-pose", True), ("simgrab", True), ("coco", False)):
+        out = tmp_path / layout
+        done = CliRunner().invoke(cli, ["export", str(train), "--format", layout, "--out", str(out)])
+        for text in (done.output, (out / "README.md").read_text()):
+            assert ("data.yaml: val has no frames, so it names those of train" in text) == named
+        if named:
+            assert yaml.safe_load((out / "data.yaml").read_text())["val"] == "images/train"
+    assert (
+        "has no frames"
+        not in CliRunner()
+        .invoke(cli, ["export", str(source.path), "--format", "yolo", "--out", str(tmp_path / "full")])
+        .output
+    )
 
 
 def test_shards_give_the_same_exports(exported, tmp_path):

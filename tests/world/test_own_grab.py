@@ -8,6 +8,7 @@ import pickle
 import re
 import resource
 import struct
+import time
 
 import msgspec
 import numpy as np
@@ -17,6 +18,7 @@ from click.testing import CliRunner
 from gltf_files import Gltf, base_colour
 from msgspec.structs import replace
 from PIL import Image
+from scipy.spatial.transform import Rotation
 from trimesh.transformations import translation_matrix
 
 import simgrab
@@ -29,7 +31,9 @@ from simgrab.judge import own_grab
 from simgrab.judge.audit.audit import audit
 from simgrab.model import scenes
 from simgrab.model.scenario import Jaw, Mesh
+from simgrab.model.scenario.grab import Clamshell, OrangePeel, Scissors
 from simgrab.world.scenery.grabs import design_of
+from simgrab.world.scenery.grabs.loose import loose
 
 YELLOW = (230, 180, 20, 255)
 
@@ -195,6 +199,19 @@ def test_mass_is_that_of_the_steel_however_the_file_splits_it(tmp_path, kind):
     assert mass.centre_z == pytest.approx((1.0 * 0 + 0.5 * 0.75) / 1.5 - 0.25, abs=1e-6)
     parts = np.concatenate([p.mesh.triangles for b in design_of(keys).bodies for p in b.parts])
     assert np.einsum("ij,ij->", parts[:, 0], np.cross(parts[:, 1], parts[:, 2])) / 6 == pytest.approx(1.5)  # outwards
+
+
+@pytest.mark.parametrize("reversed_faces", [[0], [3, 7, 8], range(2, 12)])
+def test_reversed_faces_of_a_closed_piece_are_put_right(tmp_path, reversed_faces):
+    """The mass is that of solid steel, not of plates, and every face looks outwards."""
+    box = trimesh.creation.box((1, 1, 2))
+    box.faces[reversed_faces] = box.faces[reversed_faces][:, ::-1]
+    box.export(tmp_path / "a.ply")
+    body = design_of(Mesh.of(tmp_path / "a.ply")).bodies[0]
+    assert body.mass_kg == pytest.approx(7850 * 2, rel=1e-6)
+    assert len(body.steel.faces) == 12  # seen from one side
+    assert body.steel.volume == pytest.approx(2)
+    assert not any("holes" in doubt for doubt in own_grab.check(own_grab.scene_of(tmp_path / "a.ply")).doubts)
 
 
 def test_jaws_slide(files):
@@ -495,14 +512,74 @@ def test_the_check_shows_what_was_understood_and_what_may_be_wrong(files, tmp_pa
     [
         ({}, ""),
         ({"open_deg": -20.0}, "lower end of 'HookLeft' moves inwards as it opens"),
-        ({"hinge_m": (-4.0, 0.0, 1.2)}, "hinge of 'HookLeft' lies 2.* m outside"),
+        ({"hinge_m": (-4.0, 0.0, 1.2)}, r"hinge of 'HookLeft' lies 3\.0. m from its own steel"),
+        ({"hinge_m": (0.0, 0.0, 1.4)}, r"hinge of 'HookLeft' lies 0\.8. m from its own steel"),  # in the beam
+        ({"hinge_m": (-0.9, 9.0, 1.3)}, ""),  # on the same axis, a little higher
+        ({"axis": (0.0, 0.0, 1.0)}, "axis of 'HookLeft', .*, is vertical"),
+        ({"axis": (0.0, 0.0, -1.0)}, "axis of 'HookLeft', .*, is vertical"),
+        ({"lips_m": ((-0.8, 0.2, 0.0), (-0.4, 0.2, 0.1))}, r"lips_m of 'HookLeft' lies 0\.40 m from its steel"),
     ],
 )
-def test_the_check_doubts_jaws_that_close_as_they_open_and_hinges_in_the_air(files, left, doubt):
+def test_the_check_doubts_jaws_that_close_as_they_open_and_what_lies_in_the_air(files, left, doubt):
     jaws = [msgspec.to_builtins(jaw) for jaw in (replace(JAWS[0], **left), JAWS[1])]
     changes = {"grab.jaws": jaws, "swing.clamp": True}
     doubts = " ".join(own_grab.check(own_grab.scene_of(files["glb"], changes)).doubts)
-    assert re.search(doubt, doubts) if doubt else not re.search("inwards|hinge", doubts)
+    about_jaws = re.findall("inwards|hinge|vertical|point of lips_m|apart|touches", doubts)
+    assert re.search(doubt, doubts) and len(set(about_jaws)) == 1 if doubt else not about_jaws
+
+
+@pytest.mark.parametrize("shown_open", [False, True])
+@pytest.mark.parametrize("grab", [Clamshell(), OrangePeel(), OrangePeel(tines=3, shells="open"), Scissors()])
+def test_the_check_doubts_a_file_that_shows_the_grab_open(tmp_path, grab, shown_open):
+    """Bundled grabs as files: closed, they are sound."""
+    made = design_of(grab)
+    closed, opened = made.frames(0.0), made.frames(made.max_jaw)
+    scene, jaws = trimesh.Scene(), []
+    for body in made.bodies:
+        pose = (opened if shown_open else closed)[body.name]
+        scene.add_geometry(body.steel, node_name=body.name, transform=pose)
+        if body.name.startswith(("shell", "tine")):
+            turn = Rotation.from_matrix((opened[body.name] @ np.linalg.inv(closed[body.name]))[:3, :3])
+            degrees = float(np.degrees(turn.as_rotvec() @ body.axis))
+            jaws.append({"node": body.name, "hinge_m": pose[:3, 3].tolist(), "axis": body.axis, "open_deg": degrees})
+    scene.export(tmp_path / "a.glb")
+    ends = {"grab.ropes": len(made.terminations), "grab.rope_ends_m": made.terminations.tolist()}
+    changes = ends | {"grab.up": "z", "grab.jaws": jaws, "swing.clamp": True}
+    doubts = " ".join(own_grab.check(own_grab.scene_of(tmp_path / "a.glb", changes)).doubts)
+    assert ("does the file show the grab open" in doubts) == shown_open
+    assert not re.search("hinge|vertical|inwards|touches", doubts)
+
+
+@pytest.mark.parametrize("kind", ["glb", "stl"])
+@pytest.mark.parametrize("away", [0.0, 0.15, 0.5, 2.5, 7.0, 40.0])
+def test_steel_that_touches_nothing_is_named(tmp_path, kind, away):
+    """A block beside the tongs, as a node or among the triangles of all."""
+    scene = tongs()
+    block = translation_matrix((1.3 + away, 0, 1.4))
+    scene.add_geometry(trimesh.creation.box((0.2, 0.2, 0.2)), node_name="Mass_1", transform=block)
+    (scene if kind == "glb" else scene.to_mesh()).export(tmp_path / f"a.{kind}")
+    node = "'Mass_1'" if kind == "glb" else "a part of '.*'"
+    said = rf"^(grab.file: )?{node} at \({1.3 + away:.2f}, 0.00, 1.40\) m touches nothing.* {away:.2f} m away"
+    try:
+        scene = own_grab.scene_of(tmp_path / f"a.{kind}", {"grab.up": "z"})
+        found = own_grab.check(scene).doubts
+        assert found[0] in own_grab.remarks(scene.grab) or away < 0.25
+    except ScenarioError as refusal:
+        found = [str(refusal)]
+        assert found[0].endswith("would be 42.6 × 0.6 × 1.6 m with it, and 2.4 × 0.6 × 1.6 m without")
+    assert bool(re.search(said, found[0])) == (away > 0.25)
+    assert (away == 40.0) == found[0].startswith("grab.file")
+
+
+def test_a_long_thin_bar_is_one_piece_and_hostile_crowds_are_quick():
+    rng = np.random.default_rng(0)
+    bar = trimesh.creation.box((1e-4, 1e-4, 9.0)).triangles
+    plate = trimesh.creation.box((9.0, 9.0, 0.01)).triangles + [0, 0, 4.5]
+    assert loose([("bar", bar), ("plate", plate)], np.zeros(3))[0] == []
+    crowd = 10 ** rng.uniform(-2, 7, (100_000, 1, 1)) * rng.normal(size=(100_000, 1, 3)) + rng.normal(size=(1, 3, 3))
+    start = time.process_time()
+    assert len(loose([("crowd", crowd)], np.zeros(3))[0]) <= 24
+    assert time.process_time() - start < 20
 
 
 @pytest.mark.parametrize("hollow", [False, True])

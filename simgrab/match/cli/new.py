@@ -437,6 +437,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     else:
         calm = ", whatever the wind, which carries rain, snow and dust alone" if wind else ""
         answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
+        answers.assumed.append("yaw: standard deviation of 12 degrees, as ropes turn the grab back; yaw_deg sets it")
+        swing += '\nyaw_deg = { dist = "normal", mean = 0, sd = 12, low = -60, high = 60 } # about the ropes'
     if anywhere:
         swing += "\nload = 0 # it holds none" * ('model = "mesh"' in grab)
         if long > head - 3:

@@ -151,7 +151,10 @@ def check(scenario: Scenario) -> None:
                 _changed(scenario, around | _by_key(key, value))
             except ScenarioError as problem:
                 inner = "" if problem.key in ("", key) else f"{problem.key}: "
-                raise ScenarioError(f"vary.{key}", f"{inner}{problem.problem} (trying {value!r})") from None
+                stated = at(_laid(scenario, around), key)
+                law = not isinstance(factor, OneOf) and isinstance(stated, int | str | list)
+                cure = '; dist = "one-of" keeps values as they are' if law else ""
+                raise ScenarioError(f"vary.{key}", f"{inner}{problem.problem} (trying {value!r}){cure}") from None
 
 
 def _table_around(scenario: Scenario, key: str) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def frames(datasets: Sequence[Dataset], split: str) -> tuple[TrainingFrame, ...]
         TrainingFrame(row, dataset.image(row), dataset.is_labelled(row), dataset.weather(row))
         for dataset in datasets
         for row in dataset.rows
-        if row.split == split and (dataset.is_labelled(row) or row.box_x0_px is None)
+        if row.split == split and not dataset.is_hidden(row)
     )
 
 

@@ -7,11 +7,14 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
 from msgspec.structs import replace
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from simgrab.errors import ScenarioError, SimgrabError, first_line
 from simgrab.io import models
@@ -23,6 +26,7 @@ from simgrab.world.scenery.grabs import formats, kit
 from simgrab.world.scenery.grabs.design import Body, Design
 from simgrab.world.scenery.grabs.formats.contents import Contents, Shape
 from simgrab.world.scenery.grabs.looks import ShapeMaterials
+from simgrab.world.scenery.grabs.loose import loose
 from simgrab.world.scenery.meshes.part import Part
 
 LEAST_SIDE_M, MOST_SIDE_M = 0.3, 15.0
@@ -66,6 +70,11 @@ class Piece:
         """Of all parts, shape (n, 3)."""
         return np.concatenate([np.asarray(part.mesh.vertices) for part in self.parts])
 
+    @property
+    def triangles(self) -> Array:
+        """Of all parts, shape (n, 3, 3)."""
+        return np.concatenate([np.asarray(part.mesh.triangles) for part in self.parts])
+
 
 @dataclass(frozen=True, eq=False)
 class ImportedModel:
@@ -85,6 +94,11 @@ class ImportedModel:
     origin_m: Array
     contents: Contents
 
+    @cached_property
+    def loose(self) -> tuple[list[str], Array]:
+        """What touches no other steel, and the sides of the rest, as `loose` gives them."""
+        return loose([(piece.nodes[0], piece.triangles) for piece in self.pieces], self.origin_m)
+
 
 def from_file(keys: Mesh) -> Design:
     """Return the design of a user's own grab.
@@ -102,7 +116,7 @@ def design(keys: Mesh, reading: ImportedModel) -> Design:
     found, origin = reading.pieces, reading.origin_m
     points = np.concatenate([piece.vertices for piece in found])
     low, high = points.min(axis=0), points.max(axis=0)
-    _check_size(high - low, keys.scale)
+    _check_size(high - low, keys.scale, reading)
     _check_points(keys, low + origin, high + origin)
     keys = _from(keys, origin)
     ends = _rope_ends(keys, low, high)
@@ -148,10 +162,16 @@ def _refuse(problem: str) -> SimgrabError:
     return ScenarioError("grab.file", problem)
 
 
-def _check_size(size: Array, scale: float) -> None:
+def _check_size(size: Array, scale: float, reading: ImportedModel) -> None:
     longest = float(size.max())
     stated = " × ".join(f"{side:.3g}" for side in size)
     if not LEAST_SIDE_M <= longest <= MOST_SIDE_M:
+        found, sides = reading.loose
+        longest = float(sides.max())
+        if found and LEAST_SIDE_M <= longest <= MOST_SIDE_M:
+            rest = " × ".join(f"{side:.3g}" for side in sides)
+            raise ScenarioError("grab.file", f"{'; '.join(found[:3])}. Remove it from the file: the grab would be "
+                                f"{stated} m with it, and {rest} m without")  # fmt: skip
         likely = {unit: s for unit, s in UNITS.items() if 3 * LEAST_SIDE_M <= longest / scale * s <= MOST_SIDE_M}
         fits = [f"{unit} (scale = {s:g})" for unit, s in likely.items()]
         hint = f"; it would fit in {' or '.join(fits)}" if fits else ""
@@ -334,17 +354,20 @@ def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.boo
 
     Separate pieces are judged one by one.
     """
-    labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
+    labels, turned = _orientation(mesh)
     outwards, solids, closed = np.ones(len(mesh.faces), bool), [], True
     order = np.argsort(labels, kind="stable")
     for own_faces in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         one = trimesh.Trimesh(mesh.vertices, mesh.faces[own_faces], process=False)
+        if one.is_watertight and not one.is_winding_consistent:
+            outwards[own_faces] = ~turned[own_faces]
+            one.faces = np.where(turned[own_faces, None], one.faces[:, ::-1], one.faces)
         corners = np.asarray(one.triangles) - one.triangles[0, 0]
         volume = float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6
         # A sheet whose back is a second surface is closed too, and holds nothing.
         if one.is_watertight and one.is_winding_consistent and abs(volume) > LEAST_M * float(one.area):
             if volume < 0:
-                outwards[own_faces] = False
+                outwards[own_faces] ^= True
                 one.invert()
             solids.append(one)
         else:
@@ -352,6 +375,24 @@ def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.boo
             one.update_faces(one.unique_faces())
             solids.append(_plates(one))
     return trimesh.util.concatenate(solids), closed, outwards
+
+
+def _orientation(mesh: trimesh.Trimesh) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Return the piece that each face belongs to, by number, and whether it shows another side than the piece's first.
+
+    The second is of use where the piece has two sides.
+    """
+    pairs, n = mesh.face_adjacency, len(mesh.faces)
+    start, end = mesh.face_adjacency_edges.T[..., None]
+    forwards = [((mesh.faces[side] == start) & (np.roll(mesh.faces[side], -1, axis=1) == end)).any(axis=1)
+                for side in pairs.T]  # fmt: skip
+    # Every face is there twice, as it is and turned: neighbours that agree are in one component.
+    across = np.where(forwards[0] == forwards[1], n, 0)
+    first, second = np.concatenate([pairs, pairs + n]).T
+    second = (second + np.tile(across, 2)) % (2 * n)
+    links = coo_array((np.ones(len(first), bool), (first, second)), shape=(2 * n, 2 * n))
+    as_is, turned = connected_components(links, directed=False)[1].reshape(2, n)
+    return np.minimum(as_is, turned), as_is > turned
 
 
 def _plates(sheet: trimesh.Trimesh) -> trimesh.Trimesh:
