@@ -74,7 +74,7 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
     shared = {"rate_hz": sensor.rate_hz, "lag_s": sensor.lag_s, "jitter_s": sensor.jitter_s}
     counts = {
         "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg, {}),
-        "radius": ("radius [m]", "m", sensor.radius_resolution_m, {}),
+        "radius": ("radius [m]", "m", sensor.radius_resolution_m, {"constant_m": 0.0}),
         "rope": ("rope_length [m]", "m", sensor.rope_resolution_m, {"constant_m": 0.0}),
         "wind": ("wind [m/s]", "m/s", sensor.wind_resolution_m_s, {}),
     }

@@ -124,10 +124,13 @@ class Slew(Quantity, frozen=True, kw_only=True):
 
 
 class Radius(Quantity, frozen=True, kw_only=True):
-    """Distance from the slewing axis to the rope exit O, less ``constant_m``: an outreach begins at a rail or quay."""
+    """Distance from the slewing axis to the rope exit O, less ``constant_m``: an outreach begins at a rail or quay.
+
+    Not stated, it is taken as 0 with a note.
+    """
 
     unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
-    constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
+    constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] | None = None
 
 
 class Luff(Quantity, frozen=True, kw_only=True):
@@ -348,7 +351,8 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
     if isinstance(quantity, Radius | RopeLength):
         values = values + (quantity.constant_m or 0.0)
         if quantity.constant_m is None:
-            notes.append(f"{where}: rope.constant_m is not stated, and taken as 0: |OA| is the length itself")
+            means = "|OA| is the length itself" if name == "rope" else "it begins at the slewing axis, not at a rail"
+            notes.append(f"{where}: {name}.constant_m is not stated, and taken as 0: {means}")
     wrong = ~((values > low) & (values < high)) & np.isfinite(values)
     values = refuse(values, wrong, f"not between {low:g} and {high:g} {unit}", _hint(name, raw[wrong]))
     known = np.isfinite(values)

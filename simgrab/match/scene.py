@@ -202,7 +202,7 @@ def camera_of(appearance: Appearance) -> str:
         assumed=assumed,
     )  # fmt: skip
     notes = {
-        "focal_length_px": "not determined by footage: the paper's camera's; 1 % more makes every angle 1 % smaller",
+        "focal_length_px": "not determined by footage: the paper's camera's; 1 % more makes angles up to 1 % smaller",
         "cx_px, cy_px, k1 …": "not determined by footage: the middle of the picture, and no distortion",
         "roll_deg": "not determined by footage: how far the camera is turned about its axis",
         "offset_m": "not determined by footage: camera minus rope exit, outboard, left and up; 0 is at the rope exit",

@@ -561,7 +561,7 @@ def test_a_run_states_what_it_assumed_and_what_its_intervals_owe_to_that(found, 
     assert exact["offset_deg"] == pytest.approx(0, abs=1e-6)
     assert unknown["width_deg"] - unknown["offset_deg"] == pytest.approx(exact["width_deg"], rel=0.05)
     assert unknown["offset_deg"] > assumed["offset_deg"] > 0
-    assert "focal length 548.3 px (1 % more makes every angle 1 % smaller)" in unknown["text"]
+    assert "focal length 548.3 px (1 % more makes angles up to 1 % smaller)" in unknown["text"]
     bare = again(digit_layout=None)  # mean-ray knows of no offset
     assert (bare["width_deg"], bare["text"].count("camera offset")) == (None, 1)
     assert again(PendulumSmoother(), offset_sd_m=0.5)["offset_deg"] is not None

@@ -267,7 +267,7 @@ class PendulumSmoother(Estimator):
             self.name, np.ones(1, bool), np.array([""]), frames.count.astype(np.int64), beta,
             np.arctan2(tilt[1], tilt[0])[None] % (2 * np.pi), sigma, alpha[None], found.parameters[OFFSET][None],
             (posterior, self._by_blocks(frames, alpha, sigma)),
-            {name: np.array([value]) for name, value in diagnostics.items()},
+            {name: np.array([value]) for name, value in diagnostics.items()}, s[None],
         )  # fmt: skip
 
     def _by_blocks(self, frames: Frames, alpha: Array, sigma: Array) -> Intervals:

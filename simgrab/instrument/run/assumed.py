@@ -25,7 +25,7 @@ LEANS = (  # by 1.89° at most in the 44 s of docs/tutorials/levelled-camera.md
 )
 MOST_ERROR = 0.08  # of the longest rope, where the shortest is far shorter
 _TEXTS = {
-    "focal_length_px": "focal length {0.focal_length_px:g} px (1 % more makes every angle 1 % smaller)",
+    "focal_length_px": "focal length {0.focal_length_px:g} px (1 % more makes angles up to 1 % smaller)",
     "cx_px": "principal point ({0.cx_px:g}, {0.cy_px:g}) px",
     "k1": "lens distortion k1 = {0.k1:g}, k2 = {0.k2:g}, k3 = {0.k3:g}",
     "roll_deg": "roll {0.roll_deg:g} deg",
