@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from simgrab.text import printable
 
 if TYPE_CHECKING:
     from simgrab.dataset.price import Price
+    from simgrab.model.scenario import Scenario
 
 _LABELS = {"fingerprint": "renderer SHA-256"}
 
@@ -119,6 +121,8 @@ def command(
     elif not quiet:
         facts = dataclasses.asdict(summary)
         facts.pop("below_least", None)  # a line states it
+        if given == Extensions() and "alpha_rms_deg" in facts:
+            facts["alpha_rms_deg"] = _text(facts["alpha_rms_deg"]) + _expected(scenario, summary.frames)
         shown = ((key, value) for key, value in facts.items() if value is not None)
         stdout().print(table((_LABELS.get(key, key.replace("_", " ")), _text(value)) for key, value in shown))
         click.echo(printable(how))
@@ -127,6 +131,19 @@ def command(
             click.echo(printable(f"preview: {out}/preview.jpg; labels: {out}/{labels}"))
         if video is not None:
             click.echo(printable(f"the truth table of each video of {video} is beside it, as .parquet"))
+
+
+def _expected(scenario: Scenario, frames: int) -> str:
+    """State √E[α²] as it is drawn, and the standard deviation of that of so many frames; empty where they differ."""
+    from simgrab.model.distributions import HalfNormal
+    from simgrab.model.scenario import Iid
+
+    swing, varied = scenario.swing, "+".join(scenario.vary).split("+")
+    if not isinstance(swing, Iid) or not isinstance(swing.alpha.law, HalfNormal):
+        return ""
+    if any(key == "swing" or key.startswith("swing.alpha") for key in varied):
+        return ""
+    return f" (sigma {swing.alpha.sigma_deg:g} ± {swing.alpha.sigma_deg / math.sqrt(2 * frames):.2f})"
 
 
 def _print_price(price: Price) -> None:

@@ -22,7 +22,7 @@ from conftest import SMALL, as_options
 from seconds import SECOND_RENDERERS
 
 from simgrab import __version__
-from simgrab.cli import main
+from simgrab.cli import main, render
 from simgrab.cli._progress import steps
 from simgrab.cli._verbs import VERBS
 from simgrab.errors import WorkerError
@@ -218,7 +218,7 @@ def test_no_file_takes_the_place_of_a_closed_stream(tmp_path):
     code = f"""
 import os, subprocess, sys, click
 from pathlib import Path
-from simgrab.cli import main
+from simgrab.cli import main, render
 @click.command()
 def shows():
     with open({str(tmp_path / "file")!r}, "w") as file:
@@ -257,6 +257,19 @@ def test_render_prints_a_summary(tmp_path, monkeypatch):
     status, _, err = run("audit", tmp_path)
     assert status == 2
     assert "no simgrab dataset" in err
+
+
+def test_the_swing_that_is_drawn_stands_beside_that_of_the_frames():
+    def expected(**changes):
+        return render._expected(scenes.load("quay-day", {"swing.alpha.sigma_deg": 3.0, **changes}), 200)
+
+    assert expected() == " (sigma 3 ± 0.15)"
+    assert expected(**{"swing.alpha.law": {"dist": "exponential"}}) == ""
+    assert (
+        expected(vary={"swing.alpha.sigma_deg+swing.load": {"dist": "one-of", "values": [[1.0, 0.0], [2.0, 0.5]]}})
+        == ""
+    )
+    assert render._expected(scenes.load("work-cycles"), 200) == ""
 
 
 def test_render_a_video_prints_a_summary(tmp_path):

@@ -261,10 +261,9 @@ def judged(
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: CheckOptions) -> Dataset:
-    progress = partial(options.progress, f"{name}, seed {seed}") if options.progress else None
-    return cache.rendered(
-        suite.scenario(name, seed), options.cache, workers=options.workers, cluster=options.cluster, progress=progress
-    )
+    scenario = suite.scenario(name, seed)
+    progress = partial(options.progress, f"{name}, seed {scenario.seed}") if options.progress else None
+    return cache.rendered(scenario, options.cache, workers=options.workers, cluster=options.cluster, progress=progress)
 
 
 def _write(folder: Path, recorded: Baseline, suite: Suite, trials: dict[str, list[Trial]]) -> None:
