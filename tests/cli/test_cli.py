@@ -260,16 +260,13 @@ def test_render_prints_a_summary(tmp_path, monkeypatch):
 
 
 def test_the_swing_that_is_drawn_stands_beside_that_of_the_frames():
-    def expected(**changes):
-        return render._expected(scenes.load("quay-day", {"swing.alpha.sigma_deg": 3.0, **changes}), 200)
+    def expected(scene="quay-day", **changes):
+        return render._expected(scenes.load(scene, changes), 200)
 
-    assert expected() == " (sigma 3 ± 0.15)"
+    assert expected() == " (sigma 2 ± 0.10)"
     assert expected(**{"swing.alpha.law": {"dist": "exponential"}}) == ""
-    assert (
-        expected(vary={"swing.alpha.sigma_deg+swing.load": {"dist": "one-of", "values": [[1.0, 0.0], [2.0, 0.5]]}})
-        == ""
-    )
-    assert render._expected(scenes.load("work-cycles"), 200) == ""
+    assert expected(vary={"swing.alpha.sigma_deg": {"dist": "uniform", "low": 1.0, "high": 2.0}}) == ""
+    assert expected("work-cycles") == ""
 
 
 def test_render_a_video_prints_a_summary(tmp_path):
