@@ -33,7 +33,7 @@ from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, table, trial, verdicts
-from simgrab.judge.check.causes import _of_angles, causes
+from simgrab.judge.check.causes import UNEXPLAINED, _of_angles, causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.budget import by_centres
 from simgrab.judge.evaluate.evaluation import evaluate
@@ -842,14 +842,14 @@ def test_a_report_with_odd_texts_is_still_xml(tmp_path):
 def test_a_cause_that_most_failed_scenes_have_in_common_is_stated_once(capsys):
     def scene(name, causes, status="failed"):
         outcome = report.Outcome((report.Verdict(scene=name, what="frames.ok", status=status, message="x"),), {}, 0.0)
-        outcome.__dict__["causes"] = causes  # as it is cached
+        outcome.__dict__["statements"] = (causes,) if causes else ()  # as they are cached
         return outcome
 
-    late = "Rope lengths are {:.2f} s late. Otherwise their error would be {} cm."
-    texts = {"a": late.format(1.5, 2), "b": late.format(0.75, 3), "c": late.format(1.5, 3), "d": "No mistake found."}
+    late = "{{Rope}} lengths are {:.2f} s late. Their error is {} cm."
+    texts = {"a": late.format(1.5, 2), "b": late.format(0.75, 3), "c": late.format(1.5, 3), "d": UNEXPLAINED}
     scenes = {name: scene(name, text) for name, text in texts.items()} | {"e": scene("e", "", "passed")}
     whole = report.Report("s", "i", 0, scenes=scenes)
-    common = "In 3 of 4 scenes that failed (a, b, c): Rope lengths are 0.75 to 1.50 s late."
+    common = "In 3 of 4 scenes that failed (a, b, c): {Rope} lengths are 0.75 to 1.50 s late. Their error is 2 to 3 cm."
     assert list(whole.common) == json.loads(report.as_json(whole))["common_causes"] == [common]
     assert page.page(whole).count(common) == 1
     table.show(whole)

@@ -18,6 +18,8 @@ from simgrab.model.geometry import Array, swing_of
 STILL = 10  # times less than the swing, an angle hardly follows it
 FEW_LOST = 0.05  # of the frames, which explain nothing
 UNEXPLAINED = "No single mistake was found that explains the errors of the angle."
+UNEXPLAINED_LENGTHS = "No factor, constant or delay was found that explains the lengths' errors."
+SAYS_NOTHING = (UNEXPLAINED, UNEXPLAINED_LENGTHS)
 _LISTED = 4  # frames at most
 
 
@@ -69,7 +71,7 @@ def causes(
         if wrong is not None and wrong.own:
             yield f"{wrong.text}."
         elif wrong is None:
-            yield "No factor, constant or delay was found that explains the lengths' errors."
+            yield UNEXPLAINED_LENGTHS
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     both = np.isfinite(run.alpha) & np.isfinite(true)

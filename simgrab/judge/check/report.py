@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -19,14 +20,13 @@ from simgrab.errors import SuiteError
 from simgrab.io.destination import writing
 from simgrab.io.files import write
 from simgrab.io.parse import read_json
-from simgrab.judge.check.causes import causes
+from simgrab.judge.check.causes import SAYS_NOTHING, causes
 from simgrab.judge.check.suite import Limit
 from simgrab.judge.check.trial import Metrics, Trial
 from simgrab.judge.check.verdicts import Verdict, passes
 from simgrab.judge.check.worst import WorstFrame, worst_frames
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
-_MISTAKES = ("The angles are", "Rope lengths are", "The measured", "Correct", "Most of the error")
 RESULT, JUNIT, PAGE, PICTURES = "check.json", "junit.xml", "check.html", "golden"
 
 
@@ -59,17 +59,22 @@ class Outcome:
     trial: Trial | None = None
     limits: Mapping[str, Limit] = field(default_factory=dict)
 
-    @cached_property
+    @property
     def causes(self) -> str:
         """What the errors of a scene that failed consist of, in sentences."""
+        return " ".join(self.statements)
+
+    @cached_property
+    def statements(self) -> tuple[str, ...]:
+        """The same, a text for each cause."""
         failed = [verdict for verdict in self.verdicts if verdict.status == "failed"]
         if self.trial is None or not failed:
-            return ""
+            return ()
         compared = any(verdict.reference is not None for verdict in failed)
         of_centres = [v for v in self.verdicts if v.what.startswith("detection.centre") and v.reference is not None]
         steady = bool(of_centres) and all(verdict.status == "passed" for verdict in of_centres)
         what = [verdict.what for verdict in failed if verdict.value is not None]
-        return " ".join(causes(self.trial, what, compared=compared, steady=steady, meets=self.meets))
+        return tuple(causes(self.trial, what, compared=compared, steady=steady, meets=self.meets))
 
     def meets(self, metrics: Metrics) -> bool:
         """Whether all failed verdicts on these metrics, one at least, would pass with them."""
@@ -122,17 +127,19 @@ class Report:
     @property
     def common(self) -> Iterator[str]:
         """What most of the scenes that failed have as a cause, with the range of each number."""
-        named = defaultdict[str, dict[str, list[str]]](dict)
+        named = defaultdict[tuple[str, ...], dict[str, list[str]]](dict)
         failed = [name for name, scene in self.scenes.items() if any(v.status == "failed" for v in scene.verdicts)]
         for name in failed:
-            for sentence in self.scenes[name].causes.split(". "):
-                named[_NUMBER.sub("{}", sentence.removesuffix("."))][name] = _NUMBER.findall(sentence)
-        for text, scenes in named.items():
-            if len(scenes) > max(1, len(failed) / 2) and text.startswith(_MISTAKES):
+            for text in self.scenes[name].statements:
+                if text not in SAYS_NOTHING:
+                    named[tuple(_NUMBER.split(text))][name] = _NUMBER.findall(text)
+        for between, scenes in named.items():
+            if len(scenes) > max(1, len(failed) / 2):
                 ranges = [sorted(set(values), key=float) for values in zip(*scenes.values(), strict=True)]
                 values = [" to ".join(dict.fromkeys((one[0], one[-1]))) for one in ranges]
                 which = f"{len(scenes)} of {len(failed)} scenes that failed ({', '.join(scenes)})"
-                yield f"In {which}: {text.format(*values)}."
+                text = "".join(itertools.chain(*zip(between, [*values, ""], strict=True)))
+                yield f"In {which}: {text}"
 
     @property
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
