@@ -261,8 +261,8 @@ def judged(
 
 
 def _dataset(suite: Suite, name: str, seed: int, options: CheckOptions) -> Dataset:
-    scenario = suite.scenario(name, seed)
-    progress = partial(options.progress, f"{name}, seed {scenario.seed}") if options.progress else None
+    scenario, own = suite.scenario(name, seed), suite.scenes[name].seed
+    progress = partial(options.progress, f"{name}, seed {seed if own is None else own}") if options.progress else None
     return cache.rendered(scenario, options.cache, workers=options.workers, cluster=options.cluster, progress=progress)
 
 

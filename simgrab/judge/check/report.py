@@ -130,9 +130,8 @@ class Report:
         named = defaultdict[tuple[str, ...], dict[str, list[str]]](dict)
         failed = [name for name, scene in self.scenes.items() if any(v.status == "failed" for v in scene.verdicts)]
         for name in failed:
-            for text in self.scenes[name].statements:
-                if text not in SAYS_NOTHING:
-                    named[tuple(_NUMBER.split(text))][name] = _NUMBER.findall(text)
+            for text in (text for cause in self.scenes[name].statements for text in _alternatives(cause)):
+                named[tuple(_NUMBER.split(text))][name] = _NUMBER.findall(text)
         for between, scenes in named.items():
             if len(scenes) > max(1, len(failed) / 2):
                 ranges = [sorted(set(values), key=float) for values in zip(*scenes.values(), strict=True)]
@@ -145,6 +144,15 @@ class Report:
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         """Pictures of all scenes, by file name."""
         return {name: picture for scene in self.scenes.values() for name, picture in scene.pictures.items()}
+
+
+def _alternatives(cause: str) -> Iterator[str]:
+    """Split the first sentence of a cause into the mistakes of which it may be one."""
+    if cause not in SAYS_NOTHING:
+        first, *others = cause.partition(". ")[0].removesuffix(".").split(", or ")
+        beginning = re.match(r".*? are (as )?|", first)
+        yield f"{first}."
+        yield from (f"{beginning[0] if beginning else ''}{other}." for other in others)
 
 
 def as_json(report: Report) -> bytes:
