@@ -393,7 +393,7 @@ def test_angles_without_a_centre_and_of_frames_without_a_grab_are_named(place, t
     small = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 0.5}}))
     (scene,) = gate.check(small, options(place, Altered(place, kept), baseline=None)).scenes.values()
     assert re.fullmatch(
-        r"4 angles have no centre beside them, and 3 of these are those of the frame before\. Without them the RMSE "
+        r"4 angles have no centre beside them; 3 of these repeat the frame before\. Without the 4 the RMSE "
         r"would be 0\.\d\d° instead of \d\.\d\d°\.",
         scene.causes,
     )
@@ -856,6 +856,17 @@ def test_a_cause_that_most_failed_scenes_have_in_common_is_stated_once(capsys):
     table.show(whole)
     assert common in capsys.readouterr().out
     assert not list(report.Report("s", "i", 0, scenes={name: scenes[name] for name in "ade"}).common)
+    roll, tilt = "if the roll of 3° were left out", "with a tilt that is 1° wrong"
+    texts = {"a": f"The angles are as {roll}.", "b": f"The angles are as {roll}, or {tilt}.", "c": UNEXPLAINED}
+    scenes = {name: scene(name, text) for name, text in texts.items()}
+    assert [*report.Report("s", "i", 0, scenes=scenes | {"d": scene("d", texts["b"])}).common] == [
+        f"In 3 of 4 scenes that failed (a, b, d): The angles are as {roll}."
+    ]
+    of_both = report.Report("s", "i", 0, scenes={name: scene(name, texts["b"]) for name in "ab"})
+    assert [text.partition(": ")[2] for text in of_both.common] == [
+        f"The angles are as {roll}.",
+        f"The angles are as {tilt}.",
+    ]
 
 
 def test_a_report_takes_away_its_own_pictures_alone(tmp_path):

@@ -110,8 +110,8 @@ def _without_centres(run: Run, true: Array) -> str:
         return ""
     same = int((np.diff(run.alpha, prepend=np.nan)[blind] == 0).sum())
     return (
-        f"{blind.sum()} angles have no centre beside them, and {same} of these are those of the frame before. Without "
-        f"them the RMSE would be {np.rad2deg(rest):.2f}° instead of {np.rad2deg(rmse):.2f}°."
+        f"{blind.sum()} angles have no centre beside them; {same} of these repeat the frame before. Without "
+        f"the {blind.sum()} the RMSE would be {np.rad2deg(rest):.2f}° instead of {np.rad2deg(rmse):.2f}°."
     )
 
 

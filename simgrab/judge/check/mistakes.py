@@ -110,7 +110,8 @@ def _of_geometry(
 
     def lens(factor: float) -> str:
         inside = FOCAL[0] < factor < FOCAL[1]
-        return f"with a focal length of {f_px / factor:.0f} px in place of {f_px:.0f} px" if inside else ""
+        wrong = f"{100 * abs(1 / factor - 1):.1f} % too {'long' if factor < 1 else 'short'}"
+        return f"with a focal length of {f_px / factor:.0f} px in place of {f_px:.0f} px ({wrong})" if inside else ""
 
     tilt = fits.tilt
     (factor,), left = fits.fit(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
@@ -367,4 +368,6 @@ def _delayed(read: Array, true: Array, time: Array, ages_s: tuple[float, float] 
     if not ages_s or by_s < ages_s[0] - FITTED_S:
         return left(by_s)._replace(text=text)
     text += f", of which {ages_s[0]:g} to {ages_s[1]:g} s are the display's own delay"
-    return left(by_s)._replace(text=text, own=by_s < ages_s[1] + FITTED_S)
+    own = by_s < ages_s[1] + FITTED_S
+    text += "" if own else f" and {by_s - ages_s[1]:.1f} to {by_s - ages_s[0]:.1f} s the pipeline's"
+    return left(by_s)._replace(text=text, own=own)

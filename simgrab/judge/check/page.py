@@ -49,7 +49,7 @@ def page(report: Report) -> str:
         "check.html",
         report=report,
         failures=[(anchor(v.scene), v, _MEANINGS.get(v.what, "")) for v in failures],
-        general=_table(report.general),
+        general=_table([verdict for verdict in report.general if verdict.status != "passed"]),
         tile_px=preview.TILE_WIDTH,
         scenes=[_scene(name, outcome) for name, outcome in report.scenes.items()],
     )

@@ -26,6 +26,7 @@ from simgrab.judge.check.trial import Metrics, Trial
 from simgrab.judge.check.verdicts import Verdict, passes
 from simgrab.judge.check.worst import WorstFrame, worst_frames
 
+_Text = tuple[str, ...]  # between its numbers
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 RESULT, JUNIT, PAGE, PICTURES = "check.json", "junit.xml", "check.html", "golden"
 
@@ -126,14 +127,22 @@ class Report:
 
     @property
     def common(self) -> Iterator[str]:
-        """What most of the scenes that failed have as a cause, with the range of each number."""
-        named = defaultdict[tuple[str, ...], dict[str, list[str]]](dict)
+        """What most of the scenes that failed have as a cause, with the range of each number.
+
+        A mistake that is one of several in every scene is left out beside one that a scene names alone.
+        """
+        named, beside = defaultdict[_Text, dict[str, list[str]]](dict), defaultdict[_Text, set[_Text]](set)
         failed = [name for name, scene in self.scenes.items() if any(v.status == "failed" for v in scene.verdicts)]
         for name in failed:
-            for text in (text for cause in self.scenes[name].statements for text in _alternatives(cause)):
-                named[tuple(_NUMBER.split(text))][name] = _NUMBER.findall(text)
-        for between, scenes in named.items():
-            if len(scenes) > max(1, len(failed) / 2):
+            for cause in self.scenes[name].statements:
+                texts = {tuple(_NUMBER.split(text)): _NUMBER.findall(text) for text in _alternatives(cause)}
+                for between, numbers in texts.items():
+                    named[between][name] = numbers
+                    beside[between] |= set(texts) - {between} or {()}
+        often = [between for between, scenes in named.items() if len(scenes) > max(1, len(failed) / 2)]
+        for between in often:
+            scenes = named[between]
+            if () in beside[between] or not any(() in beside[other] for other in beside[between] & set(often)):
                 ranges = [sorted(set(values), key=float) for values in zip(*scenes.values(), strict=True)]
                 values = [" to ".join(dict.fromkeys((one[0], one[-1]))) for one in ranges]
                 which = f"{len(scenes)} of {len(failed)} scenes that failed ({', '.join(scenes)})"
