@@ -177,6 +177,10 @@ class ClockOffset:
         )
 
 
+#: How a fault on a clock that is found in a live run begins.
+CLOCK = "its clock is "
+
+
 def in_words(
     offset_s: float, interval_s: Sequence[float], source: str, by_swing_s: Sequence[float] | None
 ) -> str:  # fmt: skip

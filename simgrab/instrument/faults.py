@@ -12,7 +12,7 @@ import numpy as np
 
 from simgrab.errors import RecordError
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.controller import Controller, clock_offset, in_words
+from simgrab.instrument.controller import CLOCK, Controller, clock_offset, in_words
 from simgrab.instrument.forecast import Forecaster
 from simgrab.model.geometry import Array
 
@@ -172,9 +172,7 @@ class FaultWatch:
         low, high = found.interval_s
         if abs(found.offset_s - self._clock_s) > LATE_S and (low > self._clock_s or high < self._clock_s):
             self._clock_s = found.offset_s
-            self._found.append(
-                ("controller", f"its clock is {in_words(found.offset_s, (low, high), found.source, None)}")
-            )
+            self._found.append(("controller", f"{CLOCK}{in_words(found.offset_s, (low, high), found.source, None)}"))
 
     def shift(self, by: Array) -> None:
         """Move the directions by (1, 2), rad, because the tilt was estimated again."""

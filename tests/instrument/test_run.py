@@ -736,6 +736,10 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     assert known["controller"]["clock_offset_s"] == pytest.approx(0, abs=1)
     assert "1 of 45 readings refused, the first in row 45: it does not increase" in "".join(known["notes"])
     assert "controller's clock" in said.output
+    informed = runs.load(tmp_path / "d")
+    later = {"kind": "controller", "time_s": 60.0, "text": "its clock is +3.99 s (+3.43 to +4.56) behind the pictures'"}
+    rows = dict(held(dataclasses.replace(informed, about=informed.about | {"faults": [later]})))
+    assert rows["controller's clock"].startswith("+3.99 s (+3.43 to +4.56) behind the pictures'; at first +")
     for arguments, expected in (
         (["--plc", str(tmp_path / "none.csv")], "none.toml: No such file"),
         (["--calibrate", "soon"], "invalid duration"),

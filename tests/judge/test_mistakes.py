@@ -111,7 +111,8 @@ def test_a_tilt_that_is_far_off_is_named_beside_a_focal_length():
                     for of in ("grab", "camera"))  # fmt: skip
     ray = (grab - camera) / np.linalg.norm(grab - camera, axis=1, keepdims=True)
     text = likely(leaning(rows, -0.03 * (ray[:, :2] - axis), -2 * tilt_of(rows)), true, rows, None).text
-    assert re.search(r"of 1\d+ px \(.*\), and with a camera tilt that is 1[12]\.\d\d° wrong, as if .* had the opposite", text)
+    beside = r"of 1\d+ px \(.*\), and with a camera tilt that is 1[12]\.\d\d° wrong, as if .* had the opposite"
+    assert re.search(beside, text)
 
 
 @pytest.mark.parametrize(("factor", "what"), [(0.0, "left out"), (-1.0, "applied with the opposite sign")])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simgrab.instrument.controller import in_words
+from simgrab.instrument.controller import CLOCK, in_words
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.run.runs import Run
@@ -81,7 +81,8 @@ def held(run: Run) -> list[tuple[str, str]]:
         clock = in_words(
             *(reported[f"clock_{name}"] for name in ("offset_s", "interval_s", "from", "by_motion_interval_s"))
         )
-        rows.append(("controller's clock", clock))
+        found = [f["text"] for f in run.about.get("faults", ()) if f["text"].startswith(CLOCK)]
+        rows.append(("controller's clock", f"{found[-1].removeprefix(CLOCK)}; at first {clock}" if found else clock))
         rows += [("controller's wind", f"{wind:.1f} m/s")] if (wind := reported.get("wind_m_s")) else []
     estimate = run.about["estimate"]
     if estimate is not None:
