@@ -246,15 +246,14 @@ class Pipeline:
         if estimate is not None and self.calibrate_s is None:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
-            swing = swing if estimate.level is None else estimate.level
         ahead_s = None
         if estimate is None or not moving(estimator):
             # Forecasts rest on the tilt of all of the record, but on no later frames.
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
-        measured = angles.measurements(
-            record, alpha, ends, ahead=ahead_s,
-            swing=swing if still(calibration, estimator) or (estimate and estimate.level is not None) else None,
-        )  # fmt: skip
+        stated = swing if still(calibration, estimator) else None
+        if estimate is not None and self.calibrate_s is None and estimate.swing is not None:
+            stated = estimate.swing
+        measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=stated)
         return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
 
     def _calibrated(self, time: Array | None) -> Array | None:

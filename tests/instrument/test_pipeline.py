@@ -237,16 +237,18 @@ def test_the_direction_is_stated_of_cameras_that_do_not_move_and_with_the_contro
     camera, observations = msgspec.structs.replace(crane.calibration, mount=mount), crane.observations()[300:500]
     said = Scripted(observations)
     live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), camera)][-1:]
-    whole, with_motion = (
-        made(controller=data).conclude(observations, camera).measurements
-        for data in (None, controller(crane.time, crane.jib))
-    )
-    for measured, stated in ((live, alone), (whole, alone), (with_motion, True)):
+    whole, with_motion, smoothed = (
+        made(**settings).conclude(observations, camera).measurements
+        for settings in (
+            {}, {"controller": controller(crane.time, crane.jib + [np.pi / 3, 0.0])}, {"estimator": PendulumSmoother()}
+        )
+    )  # fmt: skip
+    for measured, stated in ((live, alone), (whole, alone), (with_motion, True), (smoothed, alone)):
         assert all((m.direction is not None) == stated for m in measured)
     large = crane.alpha[300:500] > np.radians(3)
     off = np.array([m.direction for m in with_motion])[large] - crane.direction[300:500][large]
     assert large.sum() > 100
-    assert np.median(np.abs(np.angle(np.exp(1j * off)))) < np.radians(15)  # of 22 s
+    assert np.median(np.abs(np.angle(np.exp(1j * off)))) < np.radians(2)
 
 
 def test_a_live_record_takes_the_controllers_rope(crane):

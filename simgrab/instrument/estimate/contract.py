@@ -316,7 +316,7 @@ def joined(parts: Sequence[tuple[NDArray[np.int64], Estimates]], m: int) -> Esti
     def diagnostic(name: str) -> Callable[[Estimates], NDArray[Any] | None]:
         return lambda part: part.diagnostics.get(name)
 
-    columns = ("ok", "reason", "frames", "beta", "tilt_azimuth", "sigma", "alpha", "offset", "level")
+    columns = ("ok", "reason", "frames", "beta", "tilt_azimuth", "sigma", "alpha", "offset", "swing")
     return replace(
         model,
         **{name: join(operator.attrgetter(name)) for name in columns},

@@ -44,7 +44,7 @@ from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, Pendul
 from simgrab.instrument.estimate.rope_aware import BEYOND_GRAB, RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array
+from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.records.estimates import Estimates, Intervals
 
 MOST_NOISE = 0.005  # rad, of a centre per coordinate, if it is also more than the swing: then the frames are no video
@@ -263,11 +263,13 @@ class PendulumSmoother(Estimator):
             "offset_if_fixed_m": solved.fixed,
             "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
         } | (_of_jib(found) if jib.moves else {})
+        heading = jib.at(nodes.time[nodes.frame] + found.parameters[CLOCK])[:, 0]
+        swing = (rotation_z(-heading)[:, :2, :2] @ s[:, :, None])[None, :, :, 0] if jib.moves else None
         return Estimates(
             self.name, np.ones(1, bool), np.array([""]), frames.count.astype(np.int64), beta,
             np.arctan2(tilt[1], tilt[0])[None] % (2 * np.pi), sigma, alpha[None], found.parameters[OFFSET][None],
             (posterior, self._by_blocks(frames, alpha, sigma)),
-            {name: np.array([value]) for name, value in diagnostics.items()}, s[None],
+            {name: np.array([value]) for name, value in diagnostics.items()}, swing,
         )  # fmt: skip
 
     def _by_blocks(self, frames: Frames, alpha: Array, sigma: Array) -> Intervals:

@@ -74,4 +74,4 @@ class PixelRecord:
             return full
 
         intervals = tuple(replace(one, alpha=whole(one.alpha)) for one in found.intervals)
-        return replace(found, alpha=whole(found.alpha), level=whole(found.level), intervals=intervals)
+        return replace(found, alpha=whole(found.alpha), swing=whole(found.swing), intervals=intervals)

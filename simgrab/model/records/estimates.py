@@ -74,8 +74,8 @@ class Estimate:
         study then leaves the errors of tilt and of α at a true 10° empty, and computes `sigma` from `alpha`.
     alpha : ndarray, shape (n,), or None
         Swing of each frame, NaN where the frame is missing; None when refused.
-    level : ndarray, shape (n, 2), or None
-        Horizontal part of the unit direction OA, if it is known although the camera moves.
+    swing : ndarray, shape (n, 2), or None
+        Horizontal part of the unit directions OA, jib frame, of an estimator that follows the camera's motion.
     offset : ndarray, shape (3,), or None
         Camera centre minus rope exit, m, that the estimate takes into account: one that was estimated, or the camera
         file's. If None, a study takes it to be zero for α at a true 10°.
@@ -96,7 +96,7 @@ class Estimate:
     offset: Array | None = None
     intervals: tuple[Intervals, ...] = ()
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
-    level: Array | None = None
+    swing: Array | None = None
 
     @property
     def ok(self) -> bool:
@@ -122,7 +122,7 @@ class Estimates:
     beta, tilt_azimuth, sigma : ndarray, shape (M,)
         NaN where not ok. Count the refusals before you average over the rest.
     alpha : ndarray, shape (M, n)
-    level : ndarray, shape (M, n, 2), or None
+    swing : ndarray, shape (M, n, 2), or None
     offset : ndarray, shape (M, 3), or None
     intervals : tuple of Intervals
     diagnostics : mapping of str to ndarray, shape (M, ...)
@@ -139,7 +139,7 @@ class Estimates:
     offset: Array | None
     intervals: tuple[Intervals, ...]
     diagnostics: Mapping[str, NDArray[Any]]
-    level: Array | None = None
+    swing: Array | None = None
 
     def __len__(self) -> int:
         return len(self.ok)
@@ -173,5 +173,5 @@ class Estimates:
             offset=self.offset[i] if ok and self.offset is not None else None,
             intervals=tuple(one(interval) for interval in self.intervals) if ok else (),
             diagnostics={name: value[i] for name, value in self.diagnostics.items()},
-            level=self.level[i] if ok and self.level is not None else None,
+            swing=self.swing[i] if ok and self.swing is not None else None,
         )
