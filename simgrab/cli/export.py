@@ -49,7 +49,7 @@ def command(
     if quiet:
         return
     click.echo(printable(f"written: {out}"))
-    lines = background(summary)
+    lines = background(summary) if layout != "webdataset" else []
     if leave_out_hidden:
         left = len(opened) - summary.frames
         lines = [f"left out: {left} frames that show less of the grab than labels.least_visible_fraction"]

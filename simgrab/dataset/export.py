@@ -130,16 +130,17 @@ def export(
         raise DatasetError(f"no format {format!r}; one of: {', '.join(FORMATS)}")
     if (part or leave_out_hidden) and format == "webdataset":
         raise DatasetError("a part of a dataset cannot be exported as webdataset; choose another format")
+    if is_url(out):
+        if Store(str(out)).names():
+            raise DatasetError(f"{out} is not empty; choose another --out")
+    else:
+        check_new_folder(Path(out), DatasetError)
     opened = dataset if isinstance(dataset, Dataset) else sharded.open(dataset)
     source = _source(opened, shard_frames, format, part=part, leave_out_hidden=leave_out_hidden)
     summary = Summary.of(out, source.tally, source.scenario, 0, source.rendered_by.digest)
     if is_url(out):
-        store = Store(str(out))
-        if store.names():
-            raise DatasetError(f"{out} is not empty; choose another --out")
-        _write(source, store, progress)
+        _write(source, Store(str(out)), progress)
         return summary
-    check_new_folder(Path(out), DatasetError)
     try:
         with files.drafted_folder(Path(out).absolute()) as draft:
             _write(source, Store(str(draft)), progress)

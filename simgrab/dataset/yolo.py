@@ -154,9 +154,9 @@ def stand_ins(full: Collection[str], layout: str) -> list[str]:
     """State where a layout's ``data.yaml`` names another split's frames, given the splits that have some, in order."""
     if layout != "simgrab" and not layout.startswith("yolo"):
         return []
-    cure = "render more worlds or frames, or set splits or seed"
     return [
-        f"data.yaml: {split} has no frames, so it names those of {next(iter(full))}, as trainers need some; {cure}"
+        f"data.yaml: {split} has no frames, so it names those of {next(iter(full))}, as trainers need some. A dataset "
+        "of more worlds, or of another seed, has some."
         for split in _NEEDED
         if split not in full
     ]

@@ -258,11 +258,12 @@ def _fitting(value: Any, kind: Any) -> str:
     if not isinstance(value, Mapping) or not (structs := _structs_of(kind)):
         return ""
     tag_field, by_tag = _by_tag(structs)
-    for tag in by_tag if str(value.get(tag_field)) in by_tag else ():
+    fits = dict[str, int]()  # by the number of keys that are not stated
+    for tag, one in by_tag.items() if str(value.get(tag_field)) in by_tag else ():
         with contextlib.suppress(msgspec.ValidationError):
             msgspec.convert({**value, tag_field: tag}, kind)
-            return f'; it fits {tag_field} = "{tag}"'
-    return ""
+            fits[tag] = len(_fields(one).keys() - value.keys())
+    return f'; it fits {tag_field} = "{min(fits, key=lambda tag: fits[tag])}"' if fits else ""
 
 
 _WORDS = {

@@ -218,7 +218,7 @@ def test_no_file_takes_the_place_of_a_closed_stream(tmp_path):
     code = f"""
 import os, subprocess, sys, click
 from pathlib import Path
-from simgrab.cli import main, render
+from simgrab.cli import main
 @click.command()
 def shows():
     with open({str(tmp_path / "file")!r}, "w") as file:

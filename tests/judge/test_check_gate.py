@@ -33,7 +33,7 @@ from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.judge.check import baseline, cache, gate, golden, page, report, suite, table, trial, verdicts
-from simgrab.judge.check.causes import UNEXPLAINED, _of_angles, causes
+from simgrab.judge.check.causes import Cause, _of_angles, causes
 from simgrab.judge.check.gate import CheckOptions
 from simgrab.judge.evaluate.budget import by_centres
 from simgrab.judge.evaluate.evaluation import evaluate
@@ -87,6 +87,10 @@ def place(tmp_path_factory):
     result = gate.record(small, options(folder, sound))
     assert result.passed
     return folder
+
+
+def why_of(trial, failed):
+    return [cause.text for cause in causes(trial, failed)]
 
 
 def options(folder, make, **changes):
@@ -287,7 +291,7 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     small = suite.load(write(tmp_path, limits={"angle.overall.rmse_deg": {"upper": 1}, "frames.ok": {"lower": 16}}))
     result = gate.check(small, options(place, Altered(place, two_degrees_more), baseline=None))
     (scene,) = result.scenes.values()
-    why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    why = " ".join(why_of(scene.trial, ["angle.overall.rmse_deg"]))
     assert "1 of 16 frames with a grab have no angle: missed (<no grab>) in 1." in why
     assert re.search(r"the measured angle is (1\.[89]|2\.[012])\d° too large", why)
     assert "the error arises where this pipeline computes its angles" in why
@@ -307,11 +311,11 @@ def test_the_page_states_why_a_check_failed(place, tmp_path):
     assert page.page(result) == text
     constant = Broken(lambda frames: [MEASURED for _ in frames])
     (scene,) = check(place, constant, small=small, baseline=None).scenes.values()
-    assert "hardly follows the swing" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert "hardly follows the swing" in " ".join(why_of(scene.trial, ["angle.overall.rmse_deg"]))
     (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
     assert re.match(
         r"On .* (1\.[89]|2\.[012]) px right of and 0\.\d px (below|above) the true one\. Largest errors of the centre",
-        " ".join(causes(scene.trial, ["detection.centre.median_px"])),
+        " ".join(why_of(scene.trial, ["detection.centre.median_px"])),
     )
 
 
@@ -337,7 +341,7 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
     assert rmse < 0.1 < 1.0 < worse
     assert "the error arises" not in scene.causes
     (scene,) = check(place, FAULTS["h 5 % off"]).scenes.values()  # its wrong tilt is not what its angles follow from
-    assert "the tilt first" not in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert "the tilt first" not in " ".join(why_of(scene.trial, ["angle.overall.rmse_deg"]))
 
 
 def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
@@ -355,7 +359,7 @@ def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
         found = [msgspec.structs.replace(m, alpha=float(a)) for m, a in zip(centred, angles, strict=True)]
         about = run.about | {"tilt": None, "estimate": None}
         trial = dataclasses.replace(scene.trial, run=dataclasses.replace(run, measurements=tuple(found), about=about))
-        why = " ".join(causes(trial, ["angle.overall.rmse_deg"]))
+        why = " ".join(why_of(trial, ["angle.overall.rmse_deg"]))
         assert ("as if the tilt of 5.0° were left out" in why) == stated
         assert ("The angles are as" in why) == stated
         assert ("Correct the centre first" in why) != stated
@@ -373,12 +377,12 @@ def test_errors_that_nothing_explains_are_stated_as_such(place, missed, monkeypa
     run = dataclasses.replace(scene.trial.run, measurements=tuple(measured), about=about)
     evaluation = msgspec.structs.replace(scene.trial.evaluation, budget=None)
     trial = dataclasses.replace(scene.trial, run=run, evaluation=evaluation)
-    *others, last = causes(trial, ["angle.overall.rmse_deg"])
+    *others, last = why_of(trial, ["angle.overall.rmse_deg"])
     assert last == "No single mistake was found that explains the errors of the angle."
     assert len(others) == missed
     monkeypatch.setattr("simgrab.judge.check.causes.FEW_LOST", 0.1)
     for failed, stated in (([], 0), (["frames.ok"], missed)):
-        assert len([*causes(trial, ["angle.overall.rmse_deg", *failed])]) == 1 + stated
+        assert len([*why_of(trial, ["angle.overall.rmse_deg", *failed])]) == 1 + stated
 
 
 def kept(measured, _):
@@ -405,7 +409,7 @@ def test_angles_without_a_centre_and_of_frames_without_a_grab_are_named(place, t
     found = evaluate(scene.trial.run, known)
     ghost = dataclasses.replace(scene.trial, known=known, evaluation=found, metrics=trial.flat(found.to_dict()))
     assert ghost.metrics["frames.without_grab"] == 1
-    assert next(causes(ghost, [])) == "1 of 16 angles are of frames without a grab."
+    assert why_of(ghost, ["frames.ok"])[-1] == "1 of 16 angles are of frames without a grab."
     assert "swing: warning: 1 of 16 angles are of frames without a grab; set a limit on frames.without_grab" in (
         gate.judged("swing", ghost, small.limits).notes
     )
@@ -452,14 +456,14 @@ def test_a_limit_on_missed_alarms_is_named_where_no_swing_can_be_missed(place, t
 def test_a_constant_answer_is_explained_by_no_mistake(place):
     (still,) = check(place, Altered(place, times(0.0))).scenes.values()
     (why,) = [
-        line for line in causes(still.trial, ["angle.overall.rmse_deg"]) if "tilt" not in line and "entre" not in line
+        line for line in why_of(still.trial, ["angle.overall.rmse_deg"]) if "tilt" not in line and "entre" not in line
     ]
     assert why.startswith("The measured angle hardly follows the swing")
 
 
 def test_a_wrong_centre_comes_before_the_tilt_that_is_estimated_from_it(place):
     (scene,) = check(place, FAULTS["detector 2 px to the right"]).scenes.values()
-    why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    why = " ".join(why_of(scene.trial, ["angle.overall.rmse_deg"]))
     assert scene.trial.evaluation.budget.limit == "tilt estimated"  # most of the whole error
     assert re.search(r"Correct centre and tilt: the centre's error \(95th percentile\) is 2\.\d px\.", why)
     assert "the tilt first" not in why
@@ -467,7 +471,7 @@ def test_a_wrong_centre_comes_before_the_tilt_that_is_estimated_from_it(place):
 
 def test_angles_converted_twice_are_named(place):
     (scene,) = check(place, Altered(place, times(np.pi / 180))).scenes.values()
-    assert "converted from degrees to radians twice" in " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    assert "converted from degrees to radians twice" in " ".join(why_of(scene.trial, ["angle.overall.rmse_deg"]))
 
 
 def test_angles_in_degrees_are_named():
@@ -478,7 +482,7 @@ def test_angles_in_degrees_are_named():
 
 def test_a_factor_is_named_rather_than_a_constant(place):
     (scene,) = check(place, Altered(place, times(0.5))).scenes.values()
-    why = " ".join(causes(scene.trial, ["angle.overall.rmse_deg"]))
+    why = " ".join(why_of(scene.trial, ["angle.overall.rmse_deg"]))
     assert "the measured angle is 0.50 times the true one. Without it the RMSE would be 0.1" in why
     assert "constant" not in why
 
@@ -537,7 +541,7 @@ def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
     for times, said in ((0.0, ""), (1.5, "the error arises where")):  # simgrab's estimator's error from its inputs
         own = msgspec.structs.replace(found.budget.run, rmse_deg=times * found.budget.chain[-1].rmse_deg)
         other = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own))
-        why = " ".join(causes(dataclasses.replace(scene.trial, evaluation=other), ["angle.overall.rmse_deg"]))
+        why = " ".join(why_of(dataclasses.replace(scene.trial, evaluation=other), ["angle.overall.rmse_deg"]))
         assert said in why
         assert "largest contribution" not in why
     every = gate.check(small, options(place, Altered(place, functools.partial(astray, every=1)), baseline=None))
@@ -840,32 +844,33 @@ def test_a_report_with_odd_texts_is_still_xml(tmp_path):
 
 
 def test_a_cause_that_most_failed_scenes_have_in_common_is_stated_once(capsys):
-    def scene(name, causes, status="failed"):
+    def scene(name, *causes, status="failed"):
         outcome = report.Outcome((report.Verdict(scene=name, what="frames.ok", status=status, message="x"),), {}, 0.0)
-        outcome.__dict__["statements"] = (causes,) if causes else ()  # as they are cached
+        outcome.__dict__["found"] = causes  # as they are cached
         return outcome
 
-    late = "{{Rope}} lengths are {:.2f} s late. Their error is {} cm."
-    either = "{Rope} lengths are 1.1 times the true ones, or 1.50 s late. Their error is 3 cm."
-    texts = {"a": late.format(1.5, 2), "b": late.format(0.75, 3), "c": either, "d": UNEXPLAINED}
-    scenes = {name: scene(name, text) for name, text in texts.items()} | {"e": scene("e", "", "passed")}
-    whole = report.Report("s", "i", 0, scenes=scenes)
-    common = "In 3 of 4 scenes that failed (a, b, c): {Rope} lengths are 0.75 to 1.50 s late."
-    assert list(whole.common) == json.loads(report.as_json(whole))["common_causes"] == [common]
-    assert page.page(whole).count(common) == 1
-    table.show(whole)
+    def whole(**scenes):
+        return report.Report("s", "i", 0, scenes={name: scene(name, *found) for name, found in scenes.items()})
+
+    late, length = "{{Rope}} lengths are {:.2f} s late", "Rope lengths are 1.1 times the true ones"
+    own = Cause("3 of 9 frames have no angle: missed (no box, or {none}) in 3.")
+    found = {"a": [Cause("A.", (late.format(1.5),)), own], "b": [Cause("B.", (late.format(-0.75),)), own]}
+    found |= {"c": [Cause("C.", (length, late.format(1.5)))], "d": [own]}
+    every = whole(**found)
+    every.scenes["e"] = scene("e", status="passed")
+    common = "In 3 of 4 scenes that failed (a, b, c): {Rope} lengths are -0.75 to 1.50 s late."
+    assert list(every.common) == json.loads(report.as_json(every))["common_causes"] == [common]
+    assert page.page(every).count(common) == 1
+    table.show(every)
     assert common in capsys.readouterr().out
-    assert not list(report.Report("s", "i", 0, scenes={name: scenes[name] for name in "ade"}).common)
-    roll, tilt = "if the roll of 3° were left out", "with a tilt that is 1° wrong"
-    texts = {"a": f"The angles are as {roll}.", "b": f"The angles are as {roll}, or {tilt}.", "c": UNEXPLAINED}
-    scenes = {name: scene(name, text) for name, text in texts.items()}
-    assert [*report.Report("s", "i", 0, scenes=scenes | {"d": scene("d", texts["b"])}).common] == [
-        f"In 3 of 4 scenes that failed (a, b, d): The angles are as {roll}."
+    assert not list(whole(**{name: found[name] for name in "ad"}).common)
+    alone, either = Cause("A.", ("the roll is -3°",)), Cause("B.", ("the roll is 4°", "the tilt is 1°"))
+    assert [*whole(a=[alone], b=[either], c=[], d=[either]).common] == [
+        "In 3 of 4 scenes that failed (a, b, d): the roll is -3 to 4°."
     ]
-    of_both = report.Report("s", "i", 0, scenes={name: scene(name, texts["b"]) for name in "ab"})
-    assert [text.partition(": ")[2] for text in of_both.common] == [
-        f"The angles are as {roll}.",
-        f"The angles are as {tilt}.",
+    assert [text.partition(": ")[2] for text in whole(a=[either], b=[either]).common] == [
+        "the roll is 4°.",
+        "the tilt is 1°.",
     ]
 
 

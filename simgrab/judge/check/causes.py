@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run.runs import Run, reasons
-from simgrab.judge.check.mistakes import Mistake, likely, of_centres, of_rope
+from simgrab.judge.check.mistakes import FEWEST, Mistake, likely, of_centres, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
 from simgrab.judge.evaluate.budget import by_centres, of_tilt, with_lengths
 from simgrab.judge.evaluate.swings import angles
@@ -18,9 +21,14 @@ from simgrab.model.geometry import Array, swing_of
 STILL = 10  # times less than the swing, an angle hardly follows it
 FEW_LOST = 0.05  # of the frames, which explain nothing
 UNEXPLAINED = "No single mistake was found that explains the errors of the angle."
-UNEXPLAINED_LENGTHS = "No factor, constant or delay was found that explains the lengths' errors."
-SAYS_NOTHING = (UNEXPLAINED, UNEXPLAINED_LENGTHS)
 _LISTED = 4  # frames at most
+
+
+class Cause(NamedTuple):
+    """What errors consist of, in sentences, and the mistakes of which it may be one, none if it names none."""
+
+    text: str
+    mistakes: tuple[str, ...] = ()
 
 
 def causes(
@@ -30,8 +38,8 @@ def causes(
     compared: bool = False,
     steady: bool = False,
     meets: Callable[[Metrics], bool] = lambda _: True,
-) -> Iterator[str]:
-    """State in sentences what the errors of a scene consist of; nothing where the instrument failed.
+) -> Iterator[Cause]:
+    """State what the errors of a scene consist of; nothing where the instrument failed.
 
     Parameters
     ----------
@@ -48,17 +56,15 @@ def causes(
     if trial.run is None or trial.known is None or trial.evaluation is None:
         return
     run, true = trial.run, trial.known.alpha
-    there = [m for m, empty in zip(run.measurements, trial.known.empty, strict=True) if not empty]
+    there = [m for m, labelled in zip(run.measurements, trial.known.labelled, strict=True) if labelled]
     lost = reasons(there)
     count = sum(count for *_, count in lost)
     if count > FEW_LOST * len(there) or (lost and any(what.startswith("frames") for what in failed)):
         listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
-        yield f"{count} of {len(there)} frames with a grab have no angle: {listed}."
-    if ghosts := trial.metrics.get("frames.without_grab"):
-        yield f"{ghosts:.0f} of {np.isfinite(run.alpha).sum()} angles are of frames without a grab."
+        yield Cause(f"{count} of {len(there)} frames with a grab have no angle: {listed}.")
     late = of_centres(run.pixels, trial.known.centre, run.time)
     if late is not None:
-        yield f"{late.text}."
+        yield Cause(f"{late.text}.", late.alternatives)
     elif any(what.startswith("detection.centre") for what in failed):
         yield from _of_pixels(trial)
     read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
@@ -69,15 +75,24 @@ def causes(
     yield from lengths
     if any(what.startswith("reading.length") for what in failed) and np.isfinite(read).any():
         if wrong is not None and wrong.own:
-            yield f"{wrong.text}."
+            yield Cause(f"{wrong.text}.")
         elif wrong is None:
-            yield UNEXPLAINED_LENGTHS
+            yield Cause("No factor, constant or delay was found that explains the lengths' errors.")
+    if not any(what.startswith(("angle.", "interval.", "alarm.", "frames.")) for what in failed):
+        return
+    if of_nothing := trial.metrics.get("frames.without_grab"):
+        text = f"{of_nothing:.0f} of {np.isfinite(run.alpha).sum()} angles are of frames without a grab."
+        yield Cause(text, (_first(text),))
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
+    if not_seen := _without_centres(run, true):
+        yield Cause(not_seen, (_first(not_seen),))
+        nothing = Measurement(status="missed", reason="no centre")
+        kept = (m if np.isfinite(at).all() else nothing for m, at in zip(run.measurements, run.pixels, strict=True))
+        run = replace(run, measurements=tuple(kept))
+        if meets(_metrics(run.alpha, trial.known)):
+            return
     both = np.isfinite(run.alpha) & np.isfinite(true)
-    if sightless := _without_centres(run, true):
-        yield sightless
-        return
     if both.any():
         measured, swing = np.rad2deg(run.alpha[both]), np.rad2deg(true[both])
         moves = measured.std() >= swing.std() / STILL
@@ -92,41 +107,51 @@ def causes(
         rmse = _rms(measured - swing)
         if mistake:
             rest = np.rad2deg(_rms_of(mistake.left))
-            yield f"{mistake.text}. Otherwise the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
+            text = f"{mistake.text}. Otherwise the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
+            yield Cause(text, mistake.alternatives)
             if not mistake.of_tilt:
                 return
         found = [] if mistake or late else list(_of_angles(measured, swing))
         if not late:
             found += _of_stages(trial, run, rmse, float(swing.std()), compared=compared, steady=steady)
-        yield from found or ([] if mistake or lengths or late else [UNEXPLAINED])
+        yield from (Cause(text, (_first(text),)) for text in found)
+        if not (found or mistake or lengths or late):
+            yield Cause(UNEXPLAINED)
+
+
+def _first(text: str) -> str:
+    return text.partition(". ")[0].removesuffix(".")
 
 
 def _without_centres(run: Run, true: Array) -> str:
     """State that most of the error is of angles without a centre beside them, as of one that is kept; else empty."""
     off, seen = run.alpha - true, np.isfinite(run.pixels).all(axis=1)
     known = np.isfinite(off)
-    blind, rmse, rest = known & ~seen, _rms_of(off), _rms_of(off[seen])
-    if not blind.any() or not (known & seen).any() or rest >= rmse / 2:
+    without, rmse, rest = known & ~seen, _rms_of(off), _rms_of(off[seen])
+    if not without.any() or (known & seen).sum() < FEWEST or rest >= rmse / 2:
         return ""
-    same = int((np.diff(run.alpha, prepend=np.nan)[blind] == 0).sum())
+    same = int((np.diff(run.alpha, prepend=np.nan)[without] == 0).sum())
     return (
-        f"{blind.sum()} angles have no centre beside them; {same} of these repeat the frame before. Without "
-        f"the {blind.sum()} the RMSE would be {np.rad2deg(rest):.2f}° instead of {np.rad2deg(rmse):.2f}°."
+        f"{without.sum()} angles have no centre beside them; {same} of these repeat the frame before. Without "
+        f"the {without.sum()} the RMSE would be {np.rad2deg(rest):.2f}° instead of {np.rad2deg(rmse):.2f}°."
     )
 
 
-def _of_pixels(trial: Trial) -> Iterator[str]:
+def _of_pixels(trial: Trial) -> Iterator[Cause]:
     """State the mean error of the centres, and the largest ones."""
     offset = [trial.metrics.get(f"detection.centre.{axis}_mean_px") for axis in "uv"]
     if offset[0] is not None and offset[1] is not None:
         right, down = "right of" if offset[0] > 0 else "left of", "below" if offset[1] > 0 else "above"
-        yield (
+        text = (
             f"On average the measured centre lies {abs(offset[0]):.1f} px {right} and {abs(offset[1]):.1f} px {down} "
             "the true one."
         )
+        yield Cause(text, (_first(text),))
     if trial.centres:
         worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
-        yield f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
+        yield Cause(
+            f"Largest errors of the centre: {', '.join(f'{c.off_px:.1f} px in frame {c.frame}' for c in worst)}."
+        )
 
 
 def _by_inputs(run: Run, known: Truths) -> tuple[Array, Array | None]:
@@ -145,13 +170,14 @@ def _by_inputs(run: Run, known: Truths) -> tuple[Array, Array | None]:
     return np.where(seen, swing, known.alpha), np.where(seen[:, None], places, true)
 
 
-def _of_lengths(mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[str]:
+def _of_lengths(mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[Cause]:
     """Name a factor or constant of rope lengths without which their figures, or those of the angle, would pass."""
     off = np.abs(mistake.left[np.isfinite(mistake.left)])
     figures = {"median_m": np.median(off), "p95_m": np.quantile(off, 0.95), "max_m": off.max()}
     rests = meets({f"reading.length.{name}": float(value) for name, value in figures.items()})
     if rests or [meets(_metrics(with_lengths(run, known, rope), known)) for rope in ("read", "true")] == [False, True]:
-        yield f"{mistake.text}. Otherwise their error would be {np.rint(100 * mistake.rms):.0f} cm."
+        text = f"{mistake.text}. Otherwise their error would be {np.rint(100 * mistake.rms):.0f} cm."
+        yield Cause(text, mistake.alternatives)
 
 
 def _metrics(alpha: Array, known: Truths) -> Metrics:

@@ -237,9 +237,10 @@ def judged(
         notes.append(f"{name}: warning: {left}")
     if found.metrics.get("alarm.sure") == 0 and any(v.what == "alarm.missed" for v in verdicts):
         notes.append(f"{name}: warning: alarm.missed tests nothing, since no swing exceeds 10.5°")
-    if ghosts := found.metrics.get("frames.without_grab"):
+    without = found.metrics.get("frames.without_grab")
+    if without and "frames.without_grab" not in limits:
         notes.append(
-            f"{name}: warning: {ghosts:.0f} of {found.metrics['frames.ok']:.0f} angles are of frames without a grab; "
+            f"{name}: warning: {without:.0f} of {found.metrics['frames.ok']:.0f} angles are of frames without a grab; "
             "set a limit on frames.without_grab"
         )
     rope = np.zeros(1) if found.known is None else found.known.rope_length

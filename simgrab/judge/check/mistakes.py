@@ -44,6 +44,13 @@ class Mistake(NamedTuple):
     own: bool = False
 
     @property
+    def alternatives(self) -> tuple[str, ...]:
+        """The mistakes of which it may be one."""
+        first, *others = self.text.split(", or ")
+        beginning = "The angles are as " if first.startswith("The angles") else "Rope lengths are "
+        return (first, *(f"{beginning}{other}" for other in others))
+
+    @property
     def rms(self) -> float:
         """Root mean square of what it leaves, rad, over the frames beyond its parameters; infinite for too few."""
         some = self.left[np.isfinite(self.left)]
@@ -109,18 +116,20 @@ def _of_geometry(
     fits = _Fits(measured, _level(grab), camera.translation * per_m, axis.mean(axis=0), least)
 
     def lens(factor: float) -> str:
-        inside = FOCAL[0] < factor < FOCAL[1]
+        if not FOCAL[0] < factor < FOCAL[1]:
+            return ""
         wrong = f"{100 * abs(1 / factor - 1):.1f} % too {'long' if factor < 1 else 'short'}"
-        return f"with a focal length of {f_px / factor:.0f} px in place of {f_px:.0f} px ({wrong})" if inside else ""
+        return f"with a focal length of {f_px / factor:.0f} px in place of {f_px:.0f} px ({wrong})"
 
     tilt = fits.tilt
     (factor,), left = fits.fit(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
     of_lens = fits.factor(_level(grab - camera.translation) - axis, lens)
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
     shift = _of_offset(fits, offset, per_m, rope_known=rope_known)
-    turn = fits.roll(rows[0].roll_deg)
     poses = [tilt, shift] if shift.any_offset else [shift, tilt]
-    poses = [turn, *poses] if turn.text.startswith("if ") else [*poses, turn]
+    turn = fits.roll(rows[0].roll_deg)
+    if max(abs(_within_180(row.roll_deg - rows[0].roll_deg)) for row in rows) < LEAST_ROLL:
+        poses = [turn, *poses] if turn.text.startswith("if ") else [*poses, turn]
     most = CLEARLY * max(min(one.rms for one in poses), least)
     alike = [one for one in poses if one.rms < most]  # as on a rope of constant length
     if any(one is turn for one in alike) and shift.fitted > 2:  # a tilt beside an offset explains much
@@ -202,13 +211,16 @@ class _Fits:
         """Explain by a roll that is wrong: the rays are turned about the optical axis."""
         axis = np.append(self.axis, -math.sqrt(1 - self.axis @ self.axis))
         fits = [self.fit(lambda x: self._moved(turn=x[0] * axis), start) for start in (-0.3, 0.3)]
-        (by,), left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
-        used = (roll_deg + math.degrees(by) + 180) % 360 - 180
-        if abs(used - roll_deg) < LEAST_ROLL:
+        (turn,), left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
+        by = _within_180(math.degrees(turn))
+        if abs(by) < LEAST_ROLL:
             return Mistake("", left, 1)
-        factor = used / roll_deg if abs(roll_deg) > LEAST_ROLL else math.nan
-        usual = _applied(f"the camera's roll of {roll_deg:.1f}°")(factor)
-        return Mistake(usual or f"with a camera roll of {used:.1f}° in place of {roll_deg:.1f}°", left, 1)
+        for times, how in ((1, "left out"), (2, "applied with the opposite sign")):
+            whole = _within_180(times * roll_deg)
+            if abs(whole) > LEAST_ROLL and abs(_within_180(by + whole)) < NEAR * abs(whole):
+                return Mistake(f"if the camera's roll of {roll_deg:.1f}° were {how}", left, 1)
+        used = _within_180(roll_deg + by)
+        return Mistake(f"with a camera roll of {used:.1f}° in place of {roll_deg:.1f}°", left, 1)
 
     def factor(
         self, unit: Array, text: Callable[[float], str], start: float = 0.5, *, of_camera: bool = False
@@ -243,6 +255,10 @@ class _Fits:
             beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[k:])}", left, k + 2, of_tilt=True)
         far = len(self.swing) >= ENOUGH and max(beside.rms, self.least) < self.tilt.rms / CLEARLY**2
         return beside if beside.text and far and AS_GOOD * beside.rms < alone.rms else alone
+
+
+def _within_180(deg: float) -> float:
+    return (deg + 180) % 360 - 180
 
 
 def _applied(what: str) -> Callable[[float], str]:

@@ -20,14 +20,14 @@ from simgrab.errors import SuiteError
 from simgrab.io.destination import writing
 from simgrab.io.files import write
 from simgrab.io.parse import read_json
-from simgrab.judge.check.causes import SAYS_NOTHING, causes
+from simgrab.judge.check.causes import Cause, causes
 from simgrab.judge.check.suite import Limit
 from simgrab.judge.check.trial import Metrics, Trial
 from simgrab.judge.check.verdicts import Verdict, passes
 from simgrab.judge.check.worst import WorstFrame, worst_frames
 
 _Text = tuple[str, ...]  # between its numbers
-_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 RESULT, JUNIT, PAGE, PICTURES = "check.json", "junit.xml", "check.html", "golden"
 
 
@@ -63,18 +63,19 @@ class Outcome:
     @property
     def causes(self) -> str:
         """What the errors of a scene that failed consist of, in sentences."""
-        return " ".join(self.statements)
+        return " ".join(cause.text for cause in self.found)
 
     @cached_property
-    def statements(self) -> tuple[str, ...]:
-        """The same, a text for each cause."""
+    def found(self) -> tuple[Cause, ...]:
+        """The same, apart."""
         failed = [verdict for verdict in self.verdicts if verdict.status == "failed"]
         if self.trial is None or not failed:
             return ()
         compared = any(verdict.reference is not None for verdict in failed)
         of_centres = [v for v in self.verdicts if v.what.startswith("detection.centre") and v.reference is not None]
         steady = bool(of_centres) and all(verdict.status == "passed" for verdict in of_centres)
-        what = [verdict.what for verdict in failed if verdict.value is not None]
+        of_boxes = "detection.centre."  # without a value where no box overlaps the grab's
+        what = [v.what for v in failed if v.value is not None or v.what.startswith(of_boxes)]
         return tuple(causes(self.trial, what, compared=compared, steady=steady, meets=self.meets))
 
     def meets(self, metrics: Metrics) -> bool:
@@ -134,8 +135,8 @@ class Report:
         named, beside = defaultdict[_Text, dict[str, list[str]]](dict), defaultdict[_Text, set[_Text]](set)
         failed = [name for name, scene in self.scenes.items() if any(v.status == "failed" for v in scene.verdicts)]
         for name in failed:
-            for cause in self.scenes[name].statements:
-                texts = {tuple(_NUMBER.split(text)): _NUMBER.findall(text) for text in _alternatives(cause)}
+            for cause in self.scenes[name].found:
+                texts = {tuple(_NUMBER.split(text)): _NUMBER.findall(text) for text in cause.mistakes}
                 for between, numbers in texts.items():
                     named[between][name] = numbers
                     beside[between] |= set(texts) - {between} or {()}
@@ -147,21 +148,12 @@ class Report:
                 values = [" to ".join(dict.fromkeys((one[0], one[-1]))) for one in ranges]
                 which = f"{len(scenes)} of {len(failed)} scenes that failed ({', '.join(scenes)})"
                 text = "".join(itertools.chain(*zip(between, [*values, ""], strict=True)))
-                yield f"In {which}: {text}"
+                yield f"In {which}: {text}."
 
     @property
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         """Pictures of all scenes, by file name."""
         return {name: picture for scene in self.scenes.values() for name, picture in scene.pictures.items()}
-
-
-def _alternatives(cause: str) -> Iterator[str]:
-    """Split the first sentence of a cause into the mistakes of which it may be one."""
-    if cause not in SAYS_NOTHING:
-        first, *others = cause.partition(". ")[0].removesuffix(".").split(", or ")
-        beginning = re.match(r".*? are (as )?|", first)
-        yield f"{first}."
-        yield from (f"{beginning[0] if beginning else ''}{other}." for other in others)
 
 
 def as_json(report: Report) -> bytes:

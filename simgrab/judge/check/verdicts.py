@@ -155,7 +155,7 @@ def _nothing(metric: str, trial: Trial) -> str:
             "no value: alarms need frames in time, and this scene draws each on its own; give it swing.model = "
             '"dynamic", or move the limit into [scenes.NAME.limits] of one that has it, such as work-cycles'
         )
-    if metric.startswith("alarm.") and metrics.get("alarm.events") == 0 and not unknown(metric):
+    if metric in ("alarm.recall", "alarm.median_delay") and metrics.get("alarm.events") == 0:
         return "no value: the true swing never exceeds 10°"
     if metric.startswith("angle.") and not unknown(metric) and metrics.get("frames.ok"):
         return "no value: no frame of that kind has a measured and a true angle"

@@ -57,7 +57,7 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
             "all": len(run.measurements),
             "known": sum(r is not None for r in known.rows),
             **run.about["counts"],
-            "without_grab": int((np.isfinite(run.alpha) & known.empty).sum()),
+            "without_grab": int((np.isfinite(run.alpha) & known.absent).sum()),
         },
         "detection": of_detection(run, known),
         "reading": of_reading(run, known),

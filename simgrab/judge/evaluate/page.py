@@ -59,6 +59,6 @@ def chain(budget: Mapping[str, Any]) -> Figure:
     axes.bar_label(bars, ["refused" if v is None else f"{v:.3f}°" for v in values], padding=3, fontsize=8)
     axes.set_yticks(range(len(rows)), names, fontsize=8)
     axes.invert_yaxis()
-    axes.set(xlabel=f"RMSE of α (deg) in {budget['run']['frames']} frames with angle, centre and rope length")
+    axes.set(xlabel=f"RMSE of α (deg) in {budget['run']['frames']} frames")
     axes.margins(x=0.12)
     return figure

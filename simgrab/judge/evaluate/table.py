@@ -88,8 +88,8 @@ def _of_angle(
     if interval["share"] is not None:
         width = text(interval["width_deg"], 2)
         note = f"95 % intervals cover the true α in {percent(interval['share'])}, at a mean width of {width}°."
-    ghosts = f"{without_grab} angles are of frames without a grab." if without_grab else ""
-    notes = " ".join(filter(None, (note, ghosts, run["still"], run["matched"])))
+    of_nothing = f"{without_grab} angles are of frames without a grab." if without_grab else ""
+    notes = " ".join(filter(None, (note, of_nothing, run["still"], run["matched"])))
     return TextTable("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), notes)
 
 

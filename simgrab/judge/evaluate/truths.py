@@ -75,9 +75,9 @@ class Truths:
         return np.array([row is not None and labels.is_labelled(row, least) for row in self.rows], bool)
 
     @property
-    def empty(self) -> NDArray[np.bool_]:
-        """Whether no part of the grab is in the picture, shape (n,)."""
-        return np.array([row is not None and labels.box(row) is None for row in self.rows], bool)
+    def absent(self) -> NDArray[np.bool_]:
+        """Whether there is no grab, shape (n,)."""
+        return np.array([row is not None and not row.present for row in self.rows], bool)
 
 
 def of(run: Run, known: str | Path, start_s: float | None = None) -> Truths:

@@ -203,7 +203,7 @@ class Budget(msgspec.Struct, frozen=True):
 class FrameCounts(msgspec.Struct, frozen=True):
     """Number of frames of the run, of frames with known truth, and of frames with each status.
 
-    ``without_grab`` counts the frames with an angle in whose picture there is no part of the grab.
+    ``without_grab`` counts the frames with an angle, but without a grab.
     """
 
     all: int

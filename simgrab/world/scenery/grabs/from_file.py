@@ -378,9 +378,9 @@ def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.boo
 
 
 def _orientation(mesh: trimesh.Trimesh) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Return the piece that each face belongs to, by number, and whether it shows another side than the piece's first.
+    """Return the piece that each face belongs to, by number, and whether its winding is against that of the first face.
 
-    The second is of use where the piece has two sides.
+    The latter means nothing for a piece that is one-sided, such as a Möbius strip.
     """
     pairs, n = mesh.face_adjacency, len(mesh.faces)
     start, end = mesh.face_adjacency_edges.T[..., None]

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from simgrab.io.parse import shown
 from simgrab.model.geometry import Array
 
-_APART, _LEAST_APART_M = 0.1, 0.25  # of the longest side without the loose piece, and at least
+_APART, _LEAST_APART_M = 0.1, 0.25  # of the longest side, and at least
 _CELLS = 8  # of a grid, across that distance
 _ROUNDS = 4  # those that lie very far first
 _MOST_SAID = 6  # in a round
@@ -63,7 +63,7 @@ def loose(named: Sequence[tuple[str, Array]], origin: Array) -> tuple[list[str],
             points = triangles[own].reshape(-1, 3)
             where = ", ".join(f"{x:.2f}" for x in origin + (points.min(axis=0) + points.max(axis=0)) / 2)
             away = rest.query(surface_points(_mesh(triangles[own]), 1000))[0].min()
-            said.append(f"{', '.join(names)} at ({where}) m touches nothing: the nearest steel is {away:.2f} m away")
+            said.append(f"{', '.join(names)} at ({where}) m touches nothing: it is {away:.2f} m from the grab")
         kept = kept[body == largest[0]]
     return said, np.ptp(triangles[kept], axis=(0, 1))
 
