@@ -51,7 +51,11 @@ def quantity(column, unit, resolution=1e-3, **more):
 def plain(folder, change=lambda columns: columns, **tables):
     """Write the crane in metres, degrees and seconds, after a change of its columns."""
     columns = {"t": TIME, "slew": np.degrees(SLEW), "radius": RADIUS, "rope": ROPE}
-    about = {"time": {"column": "t"}, "slew": quantity("slew", "deg"), "radius": quantity("radius", "m")}
+    about = {
+        "time": {"column": "t"},
+        "slew": quantity("slew", "deg"),
+        "radius": quantity("radius", "m", constant_m=0.0),
+    }
     cells = change({name: [f"{value:.6f}" for value in values] for name, values in columns.items()})
     return written(folder, cells, about | {"rope": quantity("rope", "m", constant_m=0.0)} | tables)
 

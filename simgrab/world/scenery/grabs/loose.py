@@ -63,7 +63,7 @@ def loose(named: Sequence[tuple[str, Array]], origin: Array) -> tuple[list[str],
             points = triangles[own].reshape(-1, 3)
             where = ", ".join(f"{x:.2f}" for x in origin + (points.min(axis=0) + points.max(axis=0)) / 2)
             away = rest.query(surface_points(_mesh(triangles[own]), 1000))[0].min()
-            said.append(f"{', '.join(names)} at ({where}) m touches nothing: it is {away:.2f} m from the grab")
+            said.append(f"{', '.join(names)} at ({where}) m touches nothing: the grab is {away:.2f} m away")
         kept = kept[body == largest[0]]
     return said, np.ptp(triangles[kept], axis=(0, 1))
 
