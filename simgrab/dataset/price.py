@@ -140,7 +140,7 @@ def _total(counts: list[int], samples: list[_Sample], of: str) -> float:
 
 
 def _periods(recipe: Recipe) -> list[int]:
-    """After how many frames something is drawn anew, the longest first; the last, 1, is of every frame."""
+    """After how many frames something is drawn again, the longest first; the last, 1, is of every frame."""
     scenario = recipe.scenario
     if not recipe.varies:
         return [scenario.frames, 1]

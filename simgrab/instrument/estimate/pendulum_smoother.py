@@ -263,8 +263,10 @@ class PendulumSmoother(Estimator):
             "offset_if_fixed_m": solved.fixed,
             "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
         } | (_of_jib(found) if jib.moves else {})
-        heading = jib.at(nodes.time[nodes.frame] + found.parameters[CLOCK])[:, 0]
-        swing = (rotation_z(-heading)[:, :2, :2] @ s[:, :, None])[None, :, :, 0] if jib.moves else None
+        swing = None
+        if jib.moves:  # from the level frame to that of the jib
+            heading = jib.at(nodes.time[nodes.frame] + found.parameters[CLOCK])[:, 0]
+            swing = np.einsum("nij,nj->ni", rotation_z(-heading)[:, :2, :2], s)[None]
         return Estimates(
             self.name, np.ones(1, bool), np.array([""]), frames.count.astype(np.int64), beta,
             np.arctan2(tilt[1], tilt[0])[None] % (2 * np.pi), sigma, alpha[None], found.parameters[OFFSET][None],

@@ -81,12 +81,11 @@ def causes(
     if not any(what.startswith(("angle.", "interval.", "alarm.", "frames.")) for what in failed):
         return
     if of_nothing := trial.metrics.get("frames.without_grab"):
-        text = f"{of_nothing:.0f} of {np.isfinite(run.alpha).sum()} angles are of frames without a grab."
-        yield Cause(text, (_first(text),))
+        yield _alone(f"{of_nothing:.0f} of {np.isfinite(run.alpha).sum()} angles are of frames without a grab.")
     if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
         return
     if not_seen := _without_centres(run, true):
-        yield Cause(not_seen, (_first(not_seen),))
+        yield _alone(not_seen)
         nothing = Measurement(status="missed", reason="no centre")
         kept = (m if np.isfinite(at).all() else nothing for m, at in zip(run.measurements, run.pixels, strict=True))
         run = replace(run, measurements=tuple(kept))
@@ -114,13 +113,14 @@ def causes(
         found = [] if mistake or late else list(_of_angles(measured, swing))
         if not late:
             found += _of_stages(trial, run, rmse, float(swing.std()), compared=compared, steady=steady)
-        yield from (Cause(text, (_first(text),)) for text in found)
+        yield from map(_alone, found)
         if not (found or mistake or lengths or late):
             yield Cause(UNEXPLAINED)
 
 
-def _first(text: str) -> str:
-    return text.partition(". ")[0].removesuffix(".")
+def _alone(text: str) -> Cause:
+    """Make the cause whose one mistake its first sentence states."""
+    return Cause(text, (text.partition(". ")[0].removesuffix("."),))
 
 
 def _without_centres(run: Run, true: Array) -> str:
@@ -142,11 +142,10 @@ def _of_pixels(trial: Trial) -> Iterator[Cause]:
     offset = [trial.metrics.get(f"detection.centre.{axis}_mean_px") for axis in "uv"]
     if offset[0] is not None and offset[1] is not None:
         right, down = "right of" if offset[0] > 0 else "left of", "below" if offset[1] > 0 else "above"
-        text = (
+        yield _alone(
             f"On average the measured centre lies {abs(offset[0]):.1f} px {right} and {abs(offset[1]):.1f} px {down} "
             "the true one."
         )
-        yield Cause(text, (_first(text),))
     if trial.centres:
         worst = sorted(trial.centres, key=lambda centre: -centre.off_px)[:_LISTED]
         yield Cause(
