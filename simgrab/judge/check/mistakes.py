@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from simgrab.model.geometry import Array, Pose, on_ropes, swing_of
+from simgrab.model.geometry import Array, Pose, on_ropes, swing_of, wrap
 from simgrab.model.truth import Row
 
 MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for an offset and a tilt at once
@@ -20,7 +20,7 @@ FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for r
 NEAR = 0.15  # how far a factor may be from 0 of what is left out, or from -1 of what has the opposite sign
 CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
 LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing shows no direction
-LEAST_ROLL = 1.0  # degrees, below which a roll is not named
+LEAST_ROLL = math.radians(1.0)  # below which a roll is not named
 MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
 NOTHING = 1e-6  # rad, below which errors are rounding
 LEAST_SHARE = 0.01  # of the errors, below which it does not matter which explanation leaves less
@@ -127,8 +127,9 @@ def _of_geometry(
     focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
     shift = _of_offset(fits, offset, per_m, rope_known=rope_known)
     poses = [tilt, shift] if shift.any_offset else [shift, tilt]
-    turn = fits.roll(rows[0].roll_deg)
-    if max(abs(_within_180(row.roll_deg - rows[0].roll_deg)) for row in rows) < LEAST_ROLL:
+    rolls = np.radians([row.roll_deg for row in rows])
+    turn = fits.roll(float(rolls[0]))
+    if np.abs(wrap(rolls - rolls[0])).max() < LEAST_ROLL:
         poses = [turn, *poses] if turn.text.startswith("if ") else [*poses, turn]
     most = CLEARLY * max(min(one.rms for one in poses), least)
     alike = [one for one in poses if one.rms < most]  # as on a rope of constant length
@@ -207,20 +208,19 @@ class _Fits:
         place = f"in place of {np.degrees(tilt):.1f}° with {true:.0f}°"
         return f"{text}, {size:.1f}° with an azimuth of {azimuth:.0f}° {place}"
 
-    def roll(self, roll_deg: float) -> Mistake:
-        """Explain by a roll that is wrong: the rays are turned about the optical axis."""
+    def roll(self, roll: float) -> Mistake:
+        """Explain by a roll, rad, that is wrong: the rays are turned about the optical axis."""
         axis = np.append(self.axis, -math.sqrt(1 - self.axis @ self.axis))
         fits = [self.fit(lambda x: self._moved(turn=x[0] * axis), start) for start in (-0.3, 0.3)]
-        (turn,), left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
-        by = _within_180(math.degrees(turn))
-        if abs(by) < LEAST_ROLL:
+        (by,), left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
+        if abs(wrap(by)) < LEAST_ROLL:
             return Mistake("", left, 1)
         for times, how in ((1, "left out"), (2, "applied with the opposite sign")):
-            whole = _within_180(times * roll_deg)
-            if abs(whole) > LEAST_ROLL and abs(_within_180(by + whole)) < NEAR * abs(whole):
-                return Mistake(f"if the camera's roll of {roll_deg:.1f}° were {how}", left, 1)
-        used = _within_180(roll_deg + by)
-        return Mistake(f"with a camera roll of {used:.1f}° in place of {roll_deg:.1f}°", left, 1)
+            whole = abs(wrap(times * roll))
+            if whole > LEAST_ROLL and abs(wrap(by + times * roll)) < NEAR * whole:
+                return Mistake(f"if the camera's roll of {math.degrees(roll):.1f}° were {how}", left, 1)
+        used = math.degrees(wrap(roll + by))
+        return Mistake(f"with a camera roll of {used:.1f}° in place of {math.degrees(roll):.1f}°", left, 1)
 
     def factor(
         self, unit: Array, text: Callable[[float], str], start: float = 0.5, *, of_camera: bool = False
@@ -255,10 +255,6 @@ class _Fits:
             beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[k:])}", left, k + 2, of_tilt=True)
         far = len(self.swing) >= ENOUGH and max(beside.rms, self.least) < self.tilt.rms / CLEARLY**2
         return beside if beside.text and far and AS_GOOD * beside.rms < alone.rms else alone
-
-
-def _within_180(deg: float) -> float:
-    return (deg + 180) % 360 - 180
 
 
 def _applied(what: str) -> Callable[[float], str]:
