@@ -4,7 +4,7 @@
 
 The crane works. The estimator gets the true grab centre with the detector's errors in that weather, the rope length in
 centimetres, an offset with an error of 5 cm per coordinate, and the mean wind. Each clip of ten minutes is
-cut into records; `--share` limits how many of them are used. Coverage has a bootstrap interval over clips.
+cut into records; `--share` limits how many of them, evenly spaced, are used. Coverage has a bootstrap interval over clips.
 """
 
 from __future__ import annotations
@@ -34,7 +34,12 @@ from simgrab.lab.bench.season import WIND_M_S
 from simgrab.model import scenes
 from simgrab.model.geometry import Array, to_camera
 from simgrab.model.rng import stream
+from simgrab.model.scenario import Scenario
+from simgrab.world.trajectory.clip import ClipMotion
+from simgrab.world.trajectory.moment import Moment, Tilt
+from simgrab.world.trajectory.mount import tilted
 from simgrab.world.trajectory.trajectory import Trajectory
+from simgrab.world.trajectory.work import Work
 
 MOUNTS = ("levelled", "rigid", "fixed")
 # Errors of the detector's centre at 960×540, in px at 1920 px across: of each frame, and such as last for seconds, root
@@ -55,24 +60,48 @@ Reading = dict[str, float]
 Errors = list[tuple[float, ...]]  # of records
 
 
-@lru_cache(maxsize=1)
-def _clip(mount: str, wind: float, clip: int) -> tuple[Any, ...]:
-    """Simulate a clip: calibration, times (n,), jib (n, 2), α (n,), rope (n,), pixels (n, 2), inertial readings."""
+def _scenario(mount: str, wind: float, clip: int) -> Scenario:
     frames = int(CLIP_S * RATE_HZ)
-    scenario = scenes.load("work-cycles", {
+    return scenes.load("work-cycles", {
         "frames": frames, "clip.clip_frames": frames, "seed": 100 + clip, "camera.mount": {"model": mount},
         "swing.wind": {"mean_m_s": wind}, "sensors.imu0": {"model": "imu", "mount": "camera", "noise": "mems"},
     })  # fmt: skip
-    story, known = Trajectory(scenario), calibration_of(scenario)
-    moments = [story.at(frame) for frame in range(frames)]
+
+
+@lru_cache(maxsize=1)
+def _moments(wind: float, clip: int) -> list[Moment]:
+    """Simulate a clip's grab, which no mount of the camera changes."""
+    scenario = _scenario("fixed", wind, clip)
+    story = Trajectory(scenario)
+    return [story.at(frame) for frame in range(scenario.frames)]
+
+
+@lru_cache(maxsize=1)
+def _clip(mount: str, wind: float, clip: int) -> tuple[Any, ...]:
+    """Simulate a clip: scenario, calibration, times (n,), jib (n, 2), α (n,), rope (n,), pixels (n, 2)."""
+    scenario, moments = _scenario(mount, wind, clip), _moments(wind, clip)
+    known = calibration_of(scenario)
     centre = np.array([m.grab.jib_from_grab.translation for m in moments])
-    turn = np.array([m.tilt.jib_from_camera for m in moments])
+    turn = np.array([tilt.jib_from_camera for tilt in _tilts(scenario, len(moments))])
     pixels = known.intrinsics.project(to_camera(centre, turn, np.array(known.offset_m)))
     return (
         scenario, known, np.array([m.time for m in moments]),
         np.array([(m.jib.slew, m.jib.radius) for m in moments if m.jib]), np.array([m.grab.alpha for m in moments]),
         np.array([m.grab.rope_length for m in moments]), pixels,
     )  # fmt: skip
+
+
+def _tilts(scenario: Scenario, frames: int) -> list[Tilt]:
+    """Attitude of the camera in the first frames of clip 0, which takes no physics of the grab."""
+    motion, found = ClipMotion(scenario, 0), list[Tilt]()
+    every = round(1 / (scenario.clip.frame_rate_hz * motion.interval))
+    for block in motion.blocks(Work(scenario, 0)):
+        first = max(0, block.count + (-block.count) % every) - block.count
+        leans = block.lean[first : len(block.shake) : every, 0] + block.shake[first::every]
+        found += [tilted(scenario.camera, one) for one in leans]
+        if len(found) >= frames:
+            break
+    return found[:frames]
 
 
 @lru_cache(maxsize=1)
@@ -111,7 +140,8 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
     wind, (noise, wander) = WIND_M_S.get(weather, CALM_M_S), ERRORS[weather]
     _, known, time, jib, alpha, rope, exact = _clip(mount, wind, clip)
     size, found, intervals = int(seconds * RATE_HZ), Errors(), replace(WORKING, wind_m_s=wind)
-    for part in range(min(most, len(time) // size)):
+    parts = len(time) // size
+    for part in range(0, parts, -(-parts // most)):
         rng, some = stream(0, clip, f"{mount} {weather} {seconds:g} {part}"), slice(part * size, (part + 1) * size)
         t = time[some]
         pixels = exact[some] + rng.normal(0, noise, (size, 2)) + wander * _wandering(t, rng)
@@ -181,7 +211,7 @@ def main(
     """Print a line for each cell."""
     seconds = tuple(map(float, lengths)) or LENGTHS_S
     cells = list(itertools.product(mounts or MOUNTS, weathers or tuple(ERRORS), seconds, inputs or INPUTS))
-    cells.sort(key=lambda cell: (cell[0], WIND_M_S.get(cell[1], CALM_M_S)))  # so that a clip is simulated once
+    cells.sort(key=lambda cell: (WIND_M_S.get(cell[1], CALM_M_S), cell[0]))  # so that a clip is simulated once
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         found = list(pool.map(partial(of_clip, cells, share, reading), range(first, first + clips)))
     for cell, of_cell in zip(cells, zip(*found, strict=True), strict=True):

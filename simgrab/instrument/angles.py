@@ -65,7 +65,8 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
     if some.any():
         alpha[some], ends[some], direction[some] = follow(
             tilt, record.pixels[some], calibration,
-            rope_length=None if tilt.offset_m is None else record.rope_length[some], pixel_sd=record.pixel_sd[some],
+            rope_length=None if tilt.offset_m is None else record.rope_length[some],
+            time=None if record.time is None else record.time[some], pixel_sd=record.pixel_sd[some],
         )  # fmt: skip
     return alpha, ends, direction
 

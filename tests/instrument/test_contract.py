@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import subprocess
 import sys
-import time as clock
 import tracemalloc
 from importlib.metadata import EntryPoint
 
@@ -16,6 +15,7 @@ import pytest
 from simgrab.errors import RecordError
 from simgrab.instrument import estimate
 from simgrab.instrument.estimate import ESTIMATORS, GROUP, EstimatorTable, IntervalSettings
+from simgrab.instrument.estimate.solve import stated_ends
 from simgrab.model.geometry import camera_rotation
 from tests.instrument import pendulum_simulator as pendulum
 from tests.instrument import studies
@@ -77,6 +77,28 @@ def test_too_few_frames_are_refused_with_a_reason(name, frames, record):
     assert str(frames) in found.reason
     assert "parameters" in found.reason
     assert (found.beta, found.sigma, found.alpha, found.intervals) == (None, None, None, ())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_intervals_include_how_a_camera_leans_that_is_not_fixed(name, record):
+    pixels, rope, time = record
+    fixed, levelled, rigid = (
+        run(name, pixels, rope, time, msgspec.structs.replace(CAMERA, mount=mount))
+        for mount in ("fixed", "levelled", "rigid")
+    )
+    np.testing.assert_array_equal(levelled.alpha, fixed.alpha)
+    far = fixed.alpha > np.quantile(fixed.alpha, 0.9)
+    wide, wider, widest = (stated_ends(one)[far, 1] - one.alpha[far] for one in (fixed, levelled, rigid))
+    np.testing.assert_allclose(np.sqrt(wider**2 - wide**2), 1.96 * np.deg2rad(0.85), rtol=0.2)
+    np.testing.assert_allclose(np.sqrt(widest**2 - wide**2), 1.96 * np.deg2rad(1.5), rtol=0.4)
+
+
+@pytest.mark.parametrize("name", ORDERLESS)
+def test_independent_frames_are_of_a_camera_at_rest(name, record):
+    pixels, rope, _ = record
+    levelled = msgspec.structs.replace(CAMERA, mount="levelled")
+    still, leaning = (run(name, pixels, rope, None, one) for one in (CAMERA, levelled))
+    np.testing.assert_array_equal(stated_ends(leaning), stated_ends(still))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -265,21 +287,14 @@ def test_frames_of_one_instant_are_one_block(name, record):
 
 
 @pytest.mark.parametrize("name", ORDERLESS)
-def test_a_million_frames_in_bounded_memory_and_linear_time(name):
+def test_a_million_frames_in_bounded_memory(name):
     rng = np.random.default_rng(1)
     pixels = rng.normal([1000.0, 580.0], 60.0, (1_000_000, 2))
     rope, time = rng.uniform(8, 35, 1_000_000), np.arange(1e6) / 9
-    run(name, pixels[:10_000], rope[:10_000], time[:10_000])
-    began = clock.perf_counter()
-    run(name, pixels[:100_000], rope[:100_000], time[:100_000])
-    tenth = clock.perf_counter() - began
     tracemalloc.start()
-    began = clock.perf_counter()
     found = run(name, pixels, rope, time)
-    whole = clock.perf_counter() - began
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found.ok
     assert found.interval("blocks").blocks == 4
     assert peak < 600e6  # 600 bytes a frame, of which the result keeps 40
-    assert whole < 30 * tenth + 0.5  # linear, with room for caches and a busy machine

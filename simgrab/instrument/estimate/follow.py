@@ -115,6 +115,7 @@ def follow(
     calibration: Calibration,
     *,
     rope_length: ArrayLike | None = None,
+    time: ArrayLike | None = None,
     pixel_sd: ArrayLike | None = None,
 ) -> tuple[Array, Array, Array]:
     r"""Swing of each frame under a known tilt.
@@ -127,6 +128,8 @@ def follow(
     calibration : Calibration
     rope_length : array_like, shape (n,), optional
         \|OA\|, m; required if the tilt comes with an offset.
+    time : array_like, shape (n,), optional
+        Seconds. Without it the frames are independent, and a camera is taken not to lean.
     pixel_sd : array_like, shape (n,), optional
         Standard deviation of each pixel coordinate, px.
 
@@ -144,10 +147,10 @@ def follow(
     RecordError
         For wrong shapes and impossible rope lengths.
     """
-    uv, rope, _, sd = check_record(np.asarray(pixels, float)[None], rope_length, None, False, pixel_sd)
+    uv, rope, t, sd = check_record(np.asarray(pixels, float)[None], rope_length, time, False, pixel_sd)
     covariance = np.array(tilt.covariance)[None]
     beta, azimuth = np.array([np.deg2rad(tilt.beta_deg)]), np.array([np.deg2rad(tilt.tilt_azimuth_deg)])
-    (frames,) = groups(uv, rope, None, calibration, sd)
+    (frames,) = groups(uv, rope, t, calibration, sd)
     lever = radial = None
     if tilt.offset_m is not None:
         assert rope is not None

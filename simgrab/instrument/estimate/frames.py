@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgrab.errors import RecordError
+from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, camera_rotation
 
@@ -40,7 +41,8 @@ class Frames:
     time : ndarray, shape (n,), or None
         Seconds.
     noise : ndarray, shape (M, n), or None
-        Variance of each ray across itself, per axis, rad²; finite at missing frames too.
+        Variance of each ray across itself, per axis, rad², by the pixel and by a mount on which the camera leans as the
+        crane works; finite at missing frames too.
     """
 
     rays: Array
@@ -149,7 +151,11 @@ def groups(
     calibration: Calibration,
     pixel_sd: Array | None = None,
 ) -> Iterator[Frames]:
-    """Yield rays of checked pixels (M, n, 2), as the picture has them, a few records at a time."""
+    """Yield rays of checked pixels (M, n, 2), as the picture has them, a few records at a time.
+
+    Without times the frames are independent, and no mount leans.
+    """
+    lean = 0.0 if time is None else LEAN_BY_MOUNT.get(calibration.mount, 0.0)
     m, n = pixels.shape[:2]
     step = max(1, FRAMES_AT_ONCE // max(n, 1))
     for some in (slice(first, first + step) for first in range(0, max(m, 1), step)):
@@ -161,6 +167,8 @@ def groups(
             rays = np.where(present[:, None], rays, 0.0)
         length = None if rope is None else rope[some]
         noise = None if pixel_sd is None else np.nan_to_num(pixel_sd[some] / calibration.focal_length_px) ** 2
+        if lean:
+            noise = (np.zeros(there.shape) if noise is None else noise) + lean**2
         yield Frames(rays, present, there.sum(axis=-1).astype(float), length, time, noise)
 
 

@@ -17,6 +17,9 @@ from simgrab.model.geometry import Array
 
 LEAN_BY_WIND = 3.6e-5
 """rad/(m/s)²: a grab of 10 m² (Cd·A) and, with its cargo for half of the time, 17 t."""
+LEAN_BY_MOUNT = {"levelled": np.deg2rad(0.85), "rigid": np.deg2rad(1.5)}
+"""Standard deviation per axis, rad, of how a camera on such a mount leans about its mean tilt as the crane works. With
+it, intervals of 20 s to 10 minutes of work hold (clips 1 to 4 of ``scripts/estimator_study.py``)."""
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,7 @@ class PendulumSmoother(Estimator):
         for i in range(m):
             one = frames.rows(np.arange(m) == i)
             solved = self.solve(one, calibration)
-            parts.append((np.array([i]), self._concluded(one, solved, calibration.focal_length_px)))
+            parts.append((np.array([i]), self._concluded(one, solved, calibration)))
         return joined(parts, m)
 
     def solve(self, frames: Frames, calibration: Calibration, imu: ImuReadings | None = None) -> Solved | str:
@@ -226,7 +226,7 @@ class PendulumSmoother(Estimator):
         path = first_path(nodes, swing, size)
         return nodes, fit(nodes, path, _on_time(nodes, path, start, strengths, priors), strengths, priors)
 
-    def _concluded(self, frames: Frames, solved: Solved | str, focal_px: float) -> Estimates:
+    def _concluded(self, frames: Frames, solved: Solved | str, calibration: Calibration) -> Estimates:
         """State one record's motion with its intervals by the posterior, and σ of a distribution by blocks."""
         if isinstance(solved, str):
             return self._refuse(frames, [solved])
@@ -242,6 +242,8 @@ class PendulumSmoother(Estimator):
         if solved.sensed is not None:
             of_lean = np.interp(nodes.time[nodes.frame], jib.time, solved.sensed.variance)
             covariance = covariance + of_lean[:, None, None] * np.eye(2)
+        if not jib.moves:
+            covariance = covariance + iv.LEAN_BY_MOUNT.get(calibration.mount, 0.0) ** 2 * np.eye(2)
         along, across = iv.split(covariance, s)
         gain = minimum.gain.reshape(-1, found.path.shape[1], len(found.parameters))[nodes.frame, :2]
         # σ² = mean α² follows the parameters p by −2 mean sᵀ ∂s/∂p.
@@ -256,7 +258,7 @@ class PendulumSmoother(Estimator):
         diagnostics = {
             "forcing": np.exp(found.strengths[FAST]),
             "lean_sd": np.exp(found.strengths[SLOW]),
-            "noise_px": np.exp(found.strengths[NOISE]) * focal_px,
+            "noise_px": np.exp(found.strengths[NOISE]) * calibration.focal_length_px,
             "damping": found.parameters[DAMPING],
             "stiffness": found.parameters[STIFFNESS],
             "rounds": found.rounds,

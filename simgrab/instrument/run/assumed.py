@@ -11,18 +11,21 @@ import numpy as np
 
 from simgrab.instrument.contract import Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known, far_offset, tested_offsets
+from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
 from simgrab.instrument.estimate.solve import in_wind, stated_ends
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
+NORMAL = 1.96  # two-sided quantile, 95 %
 ROPE_M = 20.0  # of an example
 LEAST_BOXES = 40
 LEAST_STRAIGHT = 0.5  # cosine of twice the yaw, below which the sides of a box hardly show those of the grab
-LEANS = (  # by 1.89° at most in the 44 s of docs/tutorials/levelled-camera.md
-    'unless the camera is fixed (mount = "fixed" in the camera file), it leans as the crane moves: errors of up to 2° '
-    "that no 95 % interval here includes; {} measures the lean"
+UNKNOWN = (  # by 1.89° at most in the 44 s of docs/tutorials/levelled-camera.md
+    "unless the camera is fixed, it leans as the crane moves: errors of up to 2° that no 95 % interval here includes; "
+    'state mount ("fixed", "levelled" or "rigid") in the camera file'
 )
+LEANS = "the camera leans as the crane moves, which makes 95 % intervals up to {:.1f}° wider on either side"
 MOST_ERROR = 0.08  # of the longest rope, where the shortest is far shorter
 _TEXTS = {
     "focal_length_px": "focal length {0.focal_length_px:g} px (1 % more makes angles up to 1 % smaller)",
@@ -50,7 +53,8 @@ def assumptions(
         ``inputs``: keys of the camera file that were assumed; ``width_deg``: mean width of the 95 % intervals of α;
         ``offset_deg``: by how much it would be less if the offset were known exactly, for a tilt of the whole record;
         else both are None. ``text``: both in one line. ``beyond``: estimates that contradict what was stated, a line.
-        ``leans``: that a camera may lean as the crane moves, a line; empty where that is measured, and without time.
+        ``leans``: that a camera leans or may lean as the crane moves, a line; empty where that is measured, and without
+        time.
     """
     used = None if record is None else record.estimator
     if record is None and isinstance(instrument, Pipeline):  # a live run
@@ -85,8 +89,14 @@ def assumptions(
     far = far_offset(offset_m, camera, by_motion=by_motion, fixed=fixed)
     yaw = np.array([np.nan if s.yaw is None else s.yaw for s in record.arrays.observations] if record else [], float)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
-            "leans": LEANS.format("--imu" if record is None else "--plc or --imu") if leans else "",
+            "leans": _leans(camera.mount, live=record is None) if leans else "",
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured, yaw)]))}  # fmt: skip
+
+
+def _leans(mount: str, *, live: bool) -> str:
+    """Say how a camera that is not fixed leans, and what would measure it."""
+    stated = LEANS.format(math.degrees(NORMAL * LEAN_BY_MOUNT[mount])) if mount else UNKNOWN
+    return f"{stated}; {'--imu' if live else '--plc or --imu'} measures the lean"
 
 
 def _of_size(camera: Calibration, measured: Sequence[Measurement], yaw: Array) -> str:
