@@ -4,7 +4,8 @@
 
 The crane works. The estimator gets the true grab centre with the detector's errors in that weather, the rope length in
 centimetres, an offset with an error of 5 cm per coordinate, and the mean wind. Each clip of ten minutes is
-cut into records; `--share` limits how many of them, evenly spaced, are used. Coverage has a bootstrap interval over clips.
+cut into records; `--share` limits how many of them, evenly spaced, are used.
+Coverage has a bootstrap interval over clips.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ from simgrab.model import scenes
 from simgrab.model.geometry import Array, to_camera
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Scenario
+from simgrab.world.scenery.grabs import design_of
+from simgrab.world.sensors.encoders import SLACK
 from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.moment import Moment, Tilt
 from simgrab.world.trajectory.mount import tilted
@@ -54,6 +57,7 @@ CLIP_S, RATE_HZ = 600.0, 9.0
 LENGTHS_S = (20.0, 60.0, 300.0, 600.0)
 MINUTE_S = 60.0
 OFFSET_SD_M, ROPE_STEP_M, CLOCK_SD_S = 0.05, 0.01, 1.0
+LOAD_STEP_KG, LOAD_SCALE_SD, GRAB_KG = 100.0, 0.02, 10500.0
 RESAMPLES = 1000
 Cell = tuple[str, str, float, str]
 Reading = dict[str, float]
@@ -78,7 +82,7 @@ def _moments(wind: float, clip: int) -> list[Moment]:
 
 @lru_cache(maxsize=1)
 def _clip(mount: str, wind: float, clip: int) -> tuple[Any, ...]:
-    """Simulate a clip: scenario, calibration, times (n,), jib (n, 2), α (n,), rope (n,), pixels (n, 2)."""
+    """Simulate a clip: scenario, calibration, times (n,), jib (n, 2), α (n,), rope (n,), pixels (n, 2), mass (n,)."""
     scenario, moments = _scenario(mount, wind, clip), _moments(wind, clip)
     known = calibration_of(scenario)
     centre = np.array([m.grab.jib_from_grab.translation for m in moments])
@@ -88,7 +92,15 @@ def _clip(mount: str, wind: float, clip: int) -> tuple[Any, ...]:
         scenario, known, np.array([m.time for m in moments]),
         np.array([(m.jib.slew, m.jib.radius) for m in moments if m.jib]), np.array([m.grab.alpha for m in moments]),
         np.array([m.grab.rope_length for m in moments]), pixels,
+        _hoisted(scenario, moments),
     )  # fmt: skip
+
+
+def _hoisted(scenario: Scenario, moments: list[Moment]) -> Array:
+    """Return what a load cell reads at moments (n,), kg."""
+    grab, work = design_of(scenario.grab), ClipMotion(scenario, 0)
+    held = Work(scenario, 0).sample(np.array([m.time for m in moments]) + work.warm_up_s).held
+    return np.where(held, SLACK, 1.0) * [grab.mass_of(0.0, m.grab.load).mass for m in moments]
 
 
 def _tilts(scenario: Scenario, frames: int) -> list[Tilt]:
@@ -123,22 +135,26 @@ def _wandering(time: Array, rng: np.random.Generator) -> Array:
     return lfilter([1.0], [1.0, -stay], draws, axis=0)
 
 
-def _readings(time: Array, jib: Array, rng: np.random.Generator, reading: Reading) -> Controller:
-    """Read the jib's slew angle and radius (n, 2) at times (n,) as a controller does."""
+def _readings(time: Array, jib: Array, mass: Array, rng: np.random.Generator, reading: Reading) -> Controller:
+    """Read the jib's slew angle and radius (n, 2) and the hoisted mass (n,) at times (n,) as a controller does."""
     at = np.arange(time[0], time[-1], 1 / reading["rate_hz"])
     steps = np.array([np.radians(reading["slew_deg"]), reading["radius_m"]])
     values = np.round(CubicSpline(time, jib)(at) / steps) * steps
     values[rng.random(len(at)) < reading["dropout"]] = np.nan
     values[at % MINUTE_S > MINUTE_S - reading["gap_s"]] = np.nan
     slew_sd, radius_sd = (steps / np.sqrt(12)).tolist()
-    return Controller(at + reading["lag_s"], values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0, CLOCK_SD_S)
+    load = np.round(np.interp(at, time, mass) * rng.normal(1, LOAD_SCALE_SD) / LOAD_STEP_KG) * LOAD_STEP_KG
+    return Controller(
+        at + reading["lag_s"], values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0, CLOCK_SD_S,
+        load=np.column_stack([at + reading["lag_s"], load]) if reading["load"] else None, grab_kg=GRAB_KG,
+    )  # fmt: skip
 
 
 def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
     """Estimate some records of a clip: squared error of α (deg²), coverage and width (deg) of each; NaN if refused."""
     mount, weather, seconds, given = cell
     wind, (noise, wander) = WIND_M_S.get(weather, CALM_M_S), ERRORS[weather]
-    _, known, time, jib, alpha, rope, exact = _clip(mount, wind, clip)
+    _, known, time, jib, alpha, rope, exact, mass = _clip(mount, wind, clip)
     size, found, intervals = int(seconds * RATE_HZ), Errors(), replace(WORKING, wind_m_s=wind)
     parts = len(time) // size
     for part in range(0, parts, -(-parts // most)):
@@ -148,7 +164,7 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
         x, y, z = (np.array(known.offset_m) + rng.normal(0, OFFSET_SD_M, 3)).tolist()
         camera = msgspec.structs.replace(known, offset_m=(x, y, z), offset_sd_m=OFFSET_SD_M)
         sd = np.full(size, np.hypot(noise, wander))
-        controller = _readings(t, jib[some], rng, reading) if given == "controller" else None
+        controller = _readings(t, jib[some], mass[some], rng, reading) if given == "controller" else None
         imu = _imu(mount, wind, clip) if given == "imu" else None
         estimator: Estimator = PendulumSmoother(controller=controller, imu=imu, wander_px=wander, intervals=intervals)
         if given == "rope-aware":
@@ -203,6 +219,7 @@ def _summary(clips: list[Errors]) -> str:
 @click.option("--radius-m", default=0.01, show_default=True, help="Resolution.")
 @click.option("--lag-s", default=0.0, show_default=True, help="Of the readings' times, unknown to the estimator.")
 @click.option("--dropout", default=0.0, show_default=True, help="Share of readings that get lost.")
+@click.option("--load/--no-load", default=True, show_default=True, help="Whether the controller reports it.")
 @click.option("--gap-s", default=0.0, show_default=True, help="Of each minute, without readings.")
 def main(
     mounts: tuple[str, ...], weathers: tuple[str, ...], lengths: tuple[str, ...], inputs: tuple[str, ...], first: int,

@@ -67,8 +67,11 @@ def tables_of(clip: int, name: str, sensor: MotionSensor) -> tuple[str, str]:
     return f"{folder_of(clip, name)}/data.{kind}", f"sensors_truth/clip_{clip:03d}/{name}/truth.{kind}"
 
 
-def describe(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
-    """Describe a sensor, with the maker's figures, never with the drawn errors; see `yaml` and `description_of`."""
+def describe(sensor: MotionSensor, body_from_sensor: Array | None, grab_kg: float) -> str:
+    """Describe a sensor, with the maker's figures, never with the drawn errors; see `yaml` and `description_of`.
+
+    A controller's description states the empty grab's mass.
+    """
     if not isinstance(sensor, Controller):
         return yaml(sensor, body_from_sensor)
     shared = {"rate_hz": sensor.rate_hz, "lag_s": sensor.lag_s, "jitter_s": sensor.jitter_s}
@@ -77,6 +80,7 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
         "radius": ("radius [m]", "m", sensor.radius_resolution_m, {"constant_m": 0.0}),
         "rope": ("rope_length [m]", "m", sensor.rope_resolution_m, {"constant_m": 0.0}),
         "wind": ("wind [m/s]", "m/s", sensor.wind_resolution_m_s, {}),
+        "load": ("load [t]", "t", sensor.load_resolution_t, {"grab": round(grab_kg / 1000, 2)}),
     }
     clock = {"column": STAMP, "unit": "ns", "clock_sd_s": sensor.clock_offset_ms / 1000}
     return tomli_w.dumps(

@@ -24,6 +24,7 @@ from simgrab.model.scenario import (
     Variant,
 )
 from simgrab.world.extensions import Recipe
+from simgrab.world.scenery.grabs import design_of
 
 CAMERA_BYTES, LIDAR_BYTES = 650_000_000, 400_000_000
 """What a camera of 1280x960 px and a LiDAR, each with a world of its own, add to a process; 610 and 354 MB measured."""
@@ -71,6 +72,7 @@ def _write_clip(variant: Variant, clip: int, writing: Writing, recorded: Callabl
     from simgrab.world.sensors.record import devices_of, record  # with SciPy's filters, as for the physics of frames
 
     devices, scenario = devices_of(variant, clip, renders=True), variant.scenario
+    grab_kg = design_of(scenario.grab).mass_of(0.0, 0.0).mass
     with ExitStack() as stack:
 
         def opened(name: str) -> BinaryIO:
@@ -81,7 +83,7 @@ def _write_clip(variant: Variant, clip: int, writing: Writing, recorded: Callabl
             stack.callback(device.close)
             sensor = scenario.sensors[name]
             about = opened(description_of(clip, name, sensor))
-            about.write(sensor_files.describe(sensor, device.body_from_sensor).encode())
+            about.write(sensor_files.describe(sensor, device.body_from_sensor, grab_kg).encode())
             kind = _parquet if isinstance(sensor, Lidar) else _csv
             data, truth = tables_of(clip, name, sensor)
             first = _listing if isinstance(sensor, SideCamera) else kind

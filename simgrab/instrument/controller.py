@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
 from simgrab.model.geometry import Array
@@ -28,6 +29,7 @@ SPANS_S = (1.2, 2.0, 3.0)  # of the latest readings
 LEAST_LATEST, OLDEST_S = 5, 0.5
 MOST_ERROR = 0.08  # m/s², standard deviation: a quarter of what a forecast expects of a jib that nobody reports
 LEAST_WIND_M_S = 2.0  # its lean is 0.01°
+SLACK = 0.6  # of the empty grab's mass: with less on its ropes it stands
 LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
 
 
@@ -61,6 +63,10 @@ class Controller:
         Of the rope's length as stated, a key of `LENGTHS`, for messages.
     wind : ndarray, shape (m, 2), or None
         Times, s, and speeds, m/s; without NaN.
+    load : ndarray, shape (k, 2), or None
+        Times, s, and hoisted masses of grab and cargo, kg; without NaN.
+    grab_kg : float
+        Mass of the empty grab, with ``load``.
     """
 
     time: Array
@@ -76,6 +82,8 @@ class Controller:
     clock_from: str = "its description"
     rope_unit: str = "m"
     wind: Array | None = None
+    load: Array | None = None
+    grab_kg: float = 0.0
 
     @property
     def reports_motion(self) -> bool:
@@ -133,10 +141,23 @@ class Controller:
         assert self.wind is not None
         return max(float(np.sqrt(np.mean(np.interp(time, *self.wind.T) ** 2))), LEAST_WIND_M_S)
 
+    def hoisted(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """How much a grab leans in a wind at times (m,), one over the mass over its mean; and whether it digs.
+
+        A grab that digs leaves its ropes slack.
+        """
+        if self.load is None:
+            return np.ones(len(time)), np.zeros(len(time), bool)
+        times, mass = self.load.T
+        slack = mass < SLACK * self.grab_kg
+        hanging = 1 / mass[~slack]
+        light = np.interp(time, times[~slack], hanging / hanging.mean()) if len(hanging) else np.ones(len(time))
+        return light, np.interp(time, times, slack) > 0
+
     def shifted(self, clock: ClockOffset) -> Controller:
         """Apply the offset of the clock."""
-        wind = None if self.wind is None else self.wind + (clock.offset_s, 0.0)
-        return replace(self, time=self.time + clock.offset_s, clock_sd_s=clock.sd_s, wind=wind)
+        wind, load = (None if one is None else one + (clock.offset_s, 0.0) for one in (self.wind, self.load))
+        return replace(self, time=self.time + clock.offset_s, clock_sd_s=clock.sd_s, wind=wind, load=load)
 
 
 @dataclass(frozen=True)

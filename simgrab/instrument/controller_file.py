@@ -30,15 +30,16 @@ MOST_ROWS = 2_000_000  # 55 hours at 10 Hz
 UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
     "deg": math.pi / 180, "rad": 1.0, **LENGTHS,
-    "m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704,
+    "m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704, "t": 1000.0, "kg": 1.0,
 }  # fmt: skip
-ANGLES, SPEEDS = ("deg", "rad"), ("m/s", "km/h", "kn", "mph")
+ANGLES, SPEEDS, MASSES = ("deg", "rad"), ("m/s", "km/h", "kn", "mph"), ("t", "kg")
 LEAST_ROPE_M, LONGEST_M = 0.5, 200.0  # a grab's centre hangs lower than that below the exit, whatever its rope
 _USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
 # Lowest and highest value and the greatest speed of any such crane, with much to spare, and the unit.
 _LIMITS = {
     "slew": (-1e5, 1e5, 0.5, "rad"), "radius": (0.0, LONGEST_M, 2.0, "m"), "luff": (-0.2, 1.6, 0.2, "rad"),
     "rope": (LEAST_ROPE_M, LONGEST_M, 3.0, "m"), "wind": (-0.1, 80.0, 30.0, "m/s"),
+    "load": (-1e4, 3e5, 1e5, "kg"),
 }  # fmt: skip
 _MOST_FAST = 0.1  # share of steps above the greatest speed: beyond it these are no single errors
 DAY_S = 86_400.0
@@ -154,6 +155,14 @@ class Wind(Quantity, frozen=True, kw_only=True):
     unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
 
 
+class Load(Quantity, frozen=True, kw_only=True):
+    """Hoisted mass, by the crane's load cell: ``grab`` is that of the empty grab, which a ``net`` load leaves out."""
+
+    unit: Literal["t", "kg"] = "t"
+    grab: Annotated[float, Meta(gt=0, le=3e5)]
+    net: bool = False
+
+
 class ControllerFacts(Checked, frozen=True, kw_only=True):
     """Description of a controller's data: at least one quantity, and radius or luff, not both.
 
@@ -165,6 +174,7 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     luff : Luff or None
     rope : RopeLength or None
     wind : Wind or None
+    load : Load or None
     longest_gap_s : float
         Readings further apart are not joined.
     """
@@ -177,18 +187,19 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     luff: Luff | None = None
     rope: RopeLength | None = None
     wind: Wind | None = None
+    load: Load | None = None
     longest_gap_s: Annotated[float, Meta(gt=0, le=60)] = 2.0
 
     def check(self) -> None:  # noqa: D102
         if not self.quantities:
-            raise ValueError("at least one of the tables slew, radius, luff, rope and wind is needed")
+            raise ValueError("at least one of the tables slew, radius, luff, rope, wind and load is needed")
         if self.radius and self.luff:
             raise ValueError("luff: leave it out, or radius, which follows from it")
 
     @property
     def quantities(self) -> list[Quantity]:
         """Those that are described."""
-        return [one for one in (self.slew, self.radius, self.luff, self.rope, self.wind) if one is not None]
+        return [one for one in (self.slew, self.radius, self.luff, self.rope, self.wind, self.load) if one is not None]
 
     @staticmethod
     def file_of(quantity: Quantity, path: Path) -> Path:
@@ -238,7 +249,7 @@ def read_controller(
     notes: list[str] = []
     files: dict[Path, _Rows] = {}
     series: dict[str, tuple[Array, Array, float]] = {}
-    for name in ("slew", "radius", "luff", "rope", "wind"):
+    for name in ("slew", "radius", "luff", "rope", "wind", "load"):
         quantity = getattr(facts, name)
         if quantity is None:
             continue
@@ -251,22 +262,27 @@ def read_controller(
         series["radius" if name == "luff" else name] = _series(files[file], name, quantity, notes)
     if "slew" in series and "radius" not in series:
         notes.append(f"{path}: slew without radius or luff: a radius of {RADIUS_M:g} m is assumed")
-    stamps, speed, _ = series.pop("wind", (np.zeros(0), np.zeros(0), 0.0))
-    varies = len(speed) > 0 and np.ptp(speed) > 0
-    if len(speed) and not varies:
+    beside: dict[str, Array] = {
+        name: np.column_stack(series.pop(name)[:2]) for name in ("wind", "load") if name in series
+    }
+    stamps = [one[:, 0] for one in beside.values()]
+    if "wind" in beside and not np.ptp(beside["wind"][:, 1]):
         notes.append(f"{path}: wind: the same reading throughout, and not used")
-    grid = max((time for time, _, _ in series.values()), key=len, default=stamps)
+        del beside["wind"]
+    grid = max([time for time, _, _ in series.values()] or stamps, key=len)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
     found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope")) | dict.fromkeys(
         ("slew_sd", "radius_sd", "rope_sd"), 0.0
     )
-    found["wind"] = np.column_stack([stamps, speed]) if varies else None
+    found |= beside
     for name, (time, values, sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
         joined[holes + 1 + np.arange(len(holes))] = np.nan
         found |= {name: joined, f"{name}_sd": sd}
+    if facts.load is not None:
+        found["grab_kg"] = facts.load.grab * UNITS[facts.load.unit]
     if facts.rope is not None:
         found["rope_unit"] = facts.rope.unit
     if facts.time.start is None:
@@ -353,6 +369,8 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
         if quantity.constant_m is None:
             means = "|OA| is the length itself" if name == "rope" else "it begins at the slewing axis, not at a rail"
             notes.append(f"{where}: {name}.constant_m is not stated, and taken as 0: {means}")
+    if isinstance(quantity, Load):
+        values = values + quantity.grab * scale * quantity.net
     wrong = ~((values > low) & (values < high)) & np.isfinite(values)
     values = refuse(values, wrong, f"not between {low:g} and {high:g} {unit}", _hint(name, raw[wrong]))
     known = np.isfinite(values)
@@ -471,8 +489,9 @@ def _increasing(time: Array) -> NDArray[np.int64]:
 
 def _hint(name: str, raw: Array) -> str:
     """Suggest the units in which readings (n,) would be plausible."""
-    low, high = _LIMITS[name][:2] if name in ("slew", "luff", "wind") else _USUAL_M
-    units = {"slew": ANGLES, "luff": ANGLES, "wind": SPEEDS}.get(name, LENGTHS)
+    of = {"slew": ANGLES, "luff": ANGLES, "wind": SPEEDS, "load": MASSES}
+    low, high = _LIMITS[name][:2] if name in of else _USUAL_M
+    units = of.get(name, LENGTHS)
     middle = float(np.median(raw)) if len(raw) else math.nan
     fitting = [unit for unit in units if low < middle * UNITS[unit] < high]
     return f"; {middle:g} would be plausible in {' or '.join(fitting)}: see {name}.unit" if fitting else ""

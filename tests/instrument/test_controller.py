@@ -111,6 +111,30 @@ def test_the_wind_is_its_root_mean_square_while_there_are_frames(tmp_path, unit,
     assert found.wind_m_s(np.arange(0, 600, 0.1) - 1e6) == pytest.approx(3)
 
 
+@pytest.mark.parametrize("net", [False, True])
+@pytest.mark.parametrize(("unit", "factor"), [("t", 1), ("kg", 1000)])
+def test_the_load_says_how_light_the_grab_is_and_where_it_digs(tmp_path, unit, factor, net):
+    """Ten seconds of an empty grab of 10 t, ten in which it digs, and twenty with 14 t of cargo."""
+    time = np.arange(0, 40, 0.5)
+    tonnes = np.select([time < 10, time < 20], [10.0, 3.0], 24.0)
+    columns = {"t": time, "m": factor * (tonnes - 10.0 * net)}
+    load = {"column": "m", "unit": unit, "grab": 10.0 * factor, "net": net, "resolution": 0.1, "rate_hz": 2.0}
+    found = read_controller(written(tmp_path, columns, {"time": {"column": "t"}, "load": load}))
+    light, digs = found.hoisted(np.array([5.0, 15.0, 30.0]))
+    assert digs.tolist() == [False, True, False]
+    assert light[0] / light[2] == pytest.approx(2.4)
+    assert np.mean(found.hoisted(time[tonnes > 5])[0]) == pytest.approx(1)
+    assert found.shifted(ClockOffset(8.0, 1.0, "")).hoisted(np.array([9.0, 26.0, 38.0]))[1].tolist() == [
+        False,
+        True,
+        False,
+    ]
+    assert not found.reports_motion
+    unknown = dataclasses.replace(found, load=None).hoisted(time)
+    assert (unknown[0] == 1).all()
+    assert not unknown[1].any()
+
+
 def test_a_wind_of_another_rate_leaves_other_readings_as_they_are(tmp_path):
     """Two readings a second, longer than the others, or one that does not change and counts as none."""
     time = np.arange(0, 200, 0.05)

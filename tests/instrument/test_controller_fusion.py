@@ -8,10 +8,12 @@ import swinging
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+import simgrab
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PendulumSmoother
+from simgrab.instrument.estimate.intervals import IntervalSettings
 from simgrab.instrument.estimate.jib import STEP_S, JibMotion
-from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
+from simgrab.instrument.estimate.pendulum import PARAMETERS, WIND, Links, advance
 from simgrab.instrument.estimate.pendulum_fit import _digging
 from simgrab.model.scenario import Camera, LevelledMount
 from simgrab.world.trajectory.mount import Mount
@@ -32,6 +34,14 @@ def test_below_a_pivot_that_accelerates_the_pendulum_hangs_along_apparent_gravit
     links = Links(np.full(1, 0.1), np.full(1, 15.0), np.full(1, 15.0), 15.0)
     x = np.concatenate([lean, np.zeros(4)])[None]
     np.testing.assert_allclose(advance(x, np.zeros(PARAMETERS), links, pull), x, atol=1e-9)
+
+
+def test_in_a_wind_a_light_grab_leans_more():
+    parameters = np.zeros(PARAMETERS)
+    parameters[WIND] = 0.004, -0.002
+    links = Links(np.full(2, 0.1), np.full(2, 15.0), np.full(2, 15.0), 15.0)
+    x = np.concatenate([np.outer((0.5, 2.0), parameters[WIND]), np.zeros((2, 4))], axis=1)
+    np.testing.assert_allclose(advance(x, parameters, links, 0.0, np.array([0.5, 2.0])), x, atol=1e-12)
 
 
 def course(seconds=80.0):
@@ -97,6 +107,23 @@ def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount, lag_
     assert abs(found.diagnostics["clock_s"] + lag_s) < 3 * found.diagnostics["clock_sd_s"] < 0.6
     assert found.diagnostics["follows"] == pytest.approx(float(mount == "levelled"), abs=0.1)
     assert np.degrees(found.diagnostics["pitch_per_m"]) == pytest.approx(2.0 * (mount == "rigid"), abs=0.2)
+
+
+def test_a_reported_load_separates_the_lean_in_a_wind_from_tilt():
+    keys = {"frames": 1200, "clip.clip_frames": 1200, "seed": 120, "swing.wind": {"mean_m_s": 12.0}}
+    crane = swinging.record(**{key.replace(".", "__"): value for key, value in keys.items()})
+    plc = simgrab.sensors(simgrab.load("work-cycles", keys | {"sensors.plc": {"model": "controller"}}))["plc"]
+    noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
+    given = {"rope_length": np.round(crane.rope, 2), "time": crane.time}
+    load = np.column_stack([plc.true("time [s]"), 1000 * plc.values[:, 4]])
+    silent = controller(crane.time, crane.jib)
+    errors = []
+    for one in (silent, replace(silent, load=load, grab_kg=10_500.0)):
+        smoother = PendulumSmoother(controller=one, intervals=IntervalSettings(wind_m_s=12.0))
+        found = smoother.estimate(noisy, crane.calibration, **given)
+        errors.append(np.degrees(np.sqrt(np.mean((found.alpha - crane.alpha) ** 2))))
+    assert errors[1] < errors[0] / 1.5
+    assert errors[1] < 0.12
 
 
 def test_a_detector_whose_errors_last_for_seconds_needs_their_deviation():

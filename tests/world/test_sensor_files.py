@@ -100,6 +100,7 @@ def test_the_controllers_data_are_read_by_the_instrument_and_so_are_encoders(ren
     np.testing.assert_allclose(np.degrees(found.slew), plc.values[:, 0])
     np.testing.assert_allclose([found.radius, found.rope], plc.values[:, 1:3].T)
     np.testing.assert_allclose(found.wind, np.column_stack([found.time, plc.values[:, 3]]))
+    np.testing.assert_allclose(found.load, np.column_stack([found.time, 1000 * plc.values[:, 4]]))
     assert found.notes == ()
     shutil.copy(rendered / "sensors/clip_001/hoist/data.csv", tmp_path / "hoist.csv")
     (tmp_path / "crane.toml").write_text("""

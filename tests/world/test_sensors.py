@@ -15,6 +15,7 @@ from simgrab.errors import ScenarioError
 from simgrab.model import geometry, scenes
 from simgrab.model.geometry import STANDARD_GRAVITY
 from simgrab.model.scenario import Scenario
+from simgrab.world.scenery.grabs import design_of
 from simgrab.world.sensors import table
 from simgrab.world.sensors.motion import motions
 from simgrab.world.sensors.mounts import ROPE_M, body_from_sensor, kinematics
@@ -271,6 +272,10 @@ def test_a_controller_stamps_late_and_loses_stretches():
     mean = scenario.swing.wind.mean_m_s
     assert 0.8 * mean < wind.mean() < 1.2 * mean
     assert 0 < np.std(read["exact"].values[:, 3] / wind) < 0.05
+    load, grab = read["exact"].true("load [t]"), design_of(scenario.grab)
+    hangs = [grab.mass_of(0.0, fill).mass / 1000 for fill in course.load.tolist()]
+    near(load, np.where(course.held, 0.3, 1.0) * hangs, atol=1e-9)
+    assert 0 < np.std(read["exact"].values[:, 4] - load) < 0.5
     near(read["exact"].values[:, 1] * 100, np.round(read["exact"].values[:, 1] * 100), atol=1e-6)
     time = read["loses"].true("time [s]")
     piece = (time / 0.7).astype(int)

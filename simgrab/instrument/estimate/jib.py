@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from simgrab.instrument.controller import RADIUS_M, Controller
@@ -39,11 +40,14 @@ class JibMotion:
     drifts : tuple of tuples of 2 floats
         Of each kind of error of the direction of sight the noise that drives it, rad/√s per axis, and the time after
         which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first.
+    controller : Controller or None
+        What reports the hoisted mass.
     """
 
     time: Array
     course: Array
     drifts: tuple[tuple[float, float], ...] = ()
+    controller: Controller | None = None
 
     @classmethod
     def at_rest(cls) -> JibMotion:
@@ -103,6 +107,13 @@ class JibMotion:
     def acceleration(self, time: Array) -> Array:
         """Mean acceleration (k − 1, 2) between moments (k,), level frame, m/s²."""
         return np.diff(self.at(time)[:, 2:4], axis=0) / np.diff(time)[:, None]
+
+    def hoisted(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """`Controller.hoisted` between moments (k,): shape (k − 1,) each."""
+        middle = (time[1:] + time[:-1]) / 2
+        if self.controller is None:
+            return np.ones(len(middle)), np.zeros(len(middle), bool)
+        return self.controller.hoisted(middle)
 
     def levelled(self, frequency: float, damping: float, time: Array) -> Array:
         """Lean (k, 2) at moments (k,) of a camera that hangs by gravity: a damped pendulum in the jib frame.

@@ -159,16 +159,20 @@ def looked_along(turn: Array, place: Array, rope: Array, offset: Array) -> Array
     return np.asarray(on_ropes(offset, ray, rope)[:, :2] / rope[:, None])
 
 
-def _rates(x: Array, parameters: Array, rope: Array, length: float, acceleration: Array | float) -> Array:
-    s, p, a = x[:, :2], x[:, 2:4] * length**2, x[:, 4:6]
+def _rates(
+    x: Array, parameters: Array, rope: Array, length: float, acceleration: Array | float, lightness: Array
+) -> Array:
+    s, p, a = x[:, :2], x[:, 2:4] * length**2, lightness * (x[:, 4:6] + parameters[WIND])
     turn, nz = turning(s, p, rope)
     gravity = GRAVITY * rope * (1 + parameters[STIFFNESS])
     drag = 2 * parameters[DAMPING] * np.sqrt(GRAVITY / rope)
-    torque = gravity[:, None] * (a + parameters[WIND] - s) + (rope * nz)[:, None] * acceleration - drag[:, None] * p
+    torque = gravity[:, None] * (a - s) + (rope * nz)[:, None] * acceleration - drag[:, None] * p
     return np.concatenate([turn, torque / length**2, np.zeros_like(x[:, 4:])], axis=-1)
 
 
-def advance(x: Array, parameters: Array, links: Links, acceleration: Array | float = 0.0) -> Array:
+def advance(
+    x: Array, parameters: Array, links: Links, acceleration: Array | float = 0.0, lightness: Array | float = 1.0
+) -> Array:
     """Advance states (k, d) by one step of the fourth-order Runge-Kutta method.
 
     Parameters
@@ -178,12 +182,14 @@ def advance(x: Array, parameters: Array, links: Links, acceleration: Array | flo
     links : Links
     acceleration : ndarray, shape (k, 2), or float
         Of O, m/s².
+    lightness : ndarray, shape (k,), or float
+        One over the hoisted mass, over its mean.
     """
     h = links.step[:, None]
     levers = links.before + parameters[REACH], links.after + parameters[REACH]
     before, after = (lever + parameters[LONGER] for lever in levers)
     x = np.concatenate([x[:, :2] * (links.before / levers[0])[:, None], x[:, 2:]], axis=-1)
-    middle, fixed = (before + after) / 2, (links.length, acceleration)
+    middle, fixed = (before + after) / 2, (links.length, acceleration, np.reshape(lightness, (-1, 1)))
     a = _rates(x, parameters, before, *fixed)
     b = _rates(x + h / 2 * a, parameters, middle, *fixed)
     c = _rates(x + h / 2 * b, parameters, middle, *fixed)
@@ -232,13 +238,13 @@ def derivatives_of_advance(
 
     def led(e: Array) -> Array:
         p = parameters + e
-        return advance(x, p, links, jib.acceleration(time + p[CLOCK]))
+        return advance(x, p, links, jib.acceleration(time + p[CLOCK]), light)
 
-    known = jib.acceleration(time + parameters[CLOCK])
-    by_state = jacobian(lambda e: advance(x + e, parameters, links, known), x.shape[-1])
+    known, light = jib.acceleration(time + parameters[CLOCK]), jib.hoisted(time + parameters[CLOCK])[0]
+    by_state = jacobian(lambda e: advance(x + e, parameters, links, known, light), x.shape[-1])
     of_jib = (*range(LONGER, CLOCK + 1), REACH) if jib.moves else ()
     by_parameter = jacobian(led, PARAMETERS, (*range(DAMPING, LONGER), *of_jib))
-    return advance(x, parameters, links, known), by_state, by_parameter
+    return advance(x, parameters, links, known, light), by_state, by_parameter
 
 
 def derivatives_of_place(

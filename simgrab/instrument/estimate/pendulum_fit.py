@@ -41,6 +41,7 @@ START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 ANY_FORCE, GUSTS = (1e-5, 0.1), (2e-4, 5e-3)
 # Speeds below which hoist and jib rest, and the longest time for which a grab digs.
 REST_M_S, JIB_RESTS_M_S, DIG_S = 0.1, 0.2, 30.0
+DIGS = 1e-4  # weight of a step with slack ropes
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,8 @@ class PendulumPriors:
     jib : JibMotion
     steady : float
         Precision of the steady lean by wind over that of the slow forcing by gusts; 0 where gusts do not tell it.
+    gusts : float
+        Least slow forcing of a jib whose motion is known, rad.
     """
 
     mean: Array
@@ -61,6 +64,7 @@ class PendulumPriors:
     focal_px: float
     jib: JibMotion
     steady: float = 0.0
+    gusts: float = 0.0
 
     def locked(self) -> PendulumPriors:
         """Lock the offset's height at its mean.
@@ -197,6 +201,7 @@ def _linearised(
         hoist = scipy.ndimage.uniform_filter1d(np.diff(nodes.rope) / step, across)
         rests = (np.abs(hoist) < REST_M_S) & (np.hypot(*jib.T) < JIB_RESTS_M_S)
         free = np.maximum(1, _digging(beyond, rests, step, across)) ** -2.0
+    free = np.where(priors.jib.hoisted(nodes.time + parameters[CLOCK])[1], DIGS, free)
     fast, slow = (
         linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
     )
@@ -220,9 +225,10 @@ def _linearised(
     weight = nodes.seen * (DEGREES + 2) / (DEGREES + error2)
     places = linear(by_state, by_parameter, error, weight[:, None, None] * np.eye(2))
     leans = int(joined.sum()) + int(nodes.first.sum()) + int(priors.steady > 0)
+    least_and_most = (max(GUSTS[0], priors.gusts), GUSTS[1]) if priors.jib.moves else ANY_FORCE
     posterior = Weighed(
         fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px,
-        LEAST_SENSED if priors.jib.sensed else 1e-9, GUSTS if priors.jib.moves else ANY_FORCE,
+        LEAST_SENSED if priors.jib.sensed else 1e-9, least_and_most,
     )  # fmt: skip
     return posterior, weight, error2, free
 

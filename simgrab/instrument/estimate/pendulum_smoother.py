@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -60,6 +60,8 @@ MOST_NOT_FREE = 0.3  # of a record; if more does not swing freely, the sensor is
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
 MOST_WIND = 0.05  # rad, of the steady lean by wind where that is not stated, beside what gusts show:
 STEADY = 4.0  # its standard deviation over that of gusts, whose turbulence is 10 to 25 %
+# Standard deviation per axis of the lean by wind over its mean: with a turbulence of 18 %, and also as loads change.
+GUSTS, LOADS = 0.28, 0.4
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
 AROUND_S = 1.0  # of a sensor's readings before the first and after the last frame
 SENSOR_CLOCK_SD_S = 0.03
@@ -190,7 +192,11 @@ class PendulumSmoother(Estimator):
         start = mean.copy()
         if imu is None:
             start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
-        priors = PendulumPriors(mean, sd, focal_px, jib, steady)
+        if self.controller is not None:
+            jib = replace(jib, controller=self.controller)
+        loaded = self.controller is not None and self.controller.load is not None
+        lean = np.sqrt(2 * self.intervals.lean_variance)
+        priors = PendulumPriors(mean, sd, focal_px, jib, steady, lean * (GUSTS if loaded else LOADS))
         turn, offset = camera(start, frames.time, jib)
         assert frames.rope_length is not None
         swing = looked_along(turn, frames.places()[1], frames.rope_length[0], offset)

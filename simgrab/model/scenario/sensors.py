@@ -160,7 +160,7 @@ class HoistEncoder(Clocked, frozen=True, tag="hoist-encoder"):
 
 
 class Controller(Clocked, frozen=True, tag="controller"):
-    """The crane's controller: slewing angle, radius, rope length |OA| and speed of the wind, for `simgrab run --plc`.
+    """The crane's controller: slewing angle, radius, rope length |OA|, wind and hoisted mass, for `simgrab run --plc`.
 
     A row states the values of ``lag_s`` before its time stamp, on average.
     """
@@ -179,6 +179,8 @@ class Controller(Clocked, frozen=True, tag="controller"):
     rope_scale_error: Scale = 0.001
     wind_resolution_m_s: LengthCount = 0.1
     wind_scale_error: Scale = 0.03
+    load_resolution_t: LengthCount = 0.1
+    load_scale_error: Scale = 0.02
     clock_offset_ms: ClockOffset = 300.0
 
 

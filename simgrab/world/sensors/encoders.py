@@ -1,4 +1,4 @@
-"""The crane's encoders of slewing angle, radius and rope length, and the controller that reports them and the wind."""
+"""The crane's encoders of slewing angle, radius and rope length, and the controller: these, wind and load."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Controller, HoistEncoder, LuffEncoder, SlewEncoder
 from simgrab.model.scenario.sensors import Encoder
+from simgrab.world.scenery.grabs import design_of
 from simgrab.world.sensors.device import Device, SensorRows, Setting
 from simgrab.world.sensors.errors import Open, SensorClock, SensorErrors
 from simgrab.world.sensors.motion import Motion
 
 COLUMNS = {SlewEncoder: "slew [deg]", LuffEncoder: "radius [m]", HoistEncoder: "rope_length [m]"}
-WIND = "wind [m/s]"
+WIND, LOAD = "wind [m/s]", "load [t]"
+SLACK = 0.3  # share of the mass that hangs on the ropes of a grab that digs
 
 
 class EncoderDevice(Device):
@@ -42,9 +44,9 @@ class EncoderDevice(Device):
 
 
 class ControllerDevice(Device):
-    """Slewing angle, radius, rope length and wind, stamped late, with losses."""
+    """Slewing angle, radius, rope length, wind and hoisted mass, stamped late, with losses."""
 
-    columns = (*COLUMNS.values(), WIND)
+    columns = (*COLUMNS.values(), WIND, LOAD)
     truth_columns = ("time [s]", *columns)
 
     def __init__(self, sensor: Controller, setting: Setting) -> None:
@@ -52,6 +54,7 @@ class ControllerDevice(Device):
         super().__init__(replace(clock, offset=clock.offset + sensor.lag_s))
         self._sensor, self._jitter, self._loss = sensor, setting.opened("jitter"), setting.opened("loss")
         self._lost: list[bool] = []
+        self._grab = design_of(setting.scenario.grab)
 
         def of(part: str) -> Open:
             return lambda variable: setting.opened(f"{part}/{variable}")
@@ -64,6 +67,7 @@ class ControllerDevice(Device):
                 resolution=sensor.rope_resolution_m,
             ),
             SensorErrors(1, of("wind"), scale_error=sensor.wind_scale_error, resolution=sensor.wind_resolution_m_s),
+            SensorErrors(1, of("load"), scale_error=sensor.load_scale_error, resolution=sensor.load_resolution_t),
         )  # fmt: skip
 
     def rows(self, motion: Motion) -> SensorRows:
@@ -73,7 +77,9 @@ class ControllerDevice(Device):
         return replace(found, stamp_ns=found.stamp_ns + np.round(late * 1e9).astype(np.int64))
 
     def _read(self, motion: Motion) -> tuple[Array, Array]:
-        true = np.column_stack([np.degrees(motion.slew), motion.radius, motion.rope, np.hypot(*motion.wind.T)])
+        mass = np.array([self._grab.mass_of(0.0, load).mass for load in motion.load.tolist()])
+        tonnes = np.where(motion.held, SLACK, 1.0) * mass / 1000
+        true = np.column_stack([np.degrees(motion.slew), motion.radius, motion.rope, np.hypot(*motion.wind.T), tonnes])
         values = np.column_stack([each.read(true[:, [k]])[0] for k, each in enumerate(self._errors)])
         piece = (motion.time / self._sensor.dropout_s).astype(np.int64)
         more = int(piece.max(initial=-1)) + 1 - len(self._lost)

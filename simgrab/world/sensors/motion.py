@@ -68,6 +68,8 @@ class Motion:
         Distance from the slewing axis to O, and its growth.
     jaw, load : ndarray, shape (n,)
         Opening of the jaws, and fill.
+    held : ndarray of bool, shape (n,)
+        Whether cargo holds the grab: it digs.
     shake, shake_rate : ndarray, shape (n, 2)
         Lean of the jib head from vibration, jib frame, as the tangent of its angle.
     lean, lean_rate : ndarray, shape (n, 2)
@@ -96,6 +98,7 @@ class Motion:
     luffed: Array
     jaw: Array
     load: Array
+    held: NDArray[np.bool_]
     shake: Array
     shake_rate: Array
     lean: Array
@@ -183,7 +186,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
                 slew=sampled.slew, slew_rate=sampled.slew_rate,
                 slew_acceleration=work.slew_acceleration(time + course.warm_up_s),
                 radius=scenario.swing.radius_m + sampled.luffed, luffed=sampled.luffed,
-                jaw=sampled.jaw, load=sampled.load, shake=shake, shake_rate=shake_rate,
+                jaw=sampled.jaw, load=sampled.load, held=sampled.held, shake=shake, shake_rate=shake_rate,
                 lean=leans[:, 0] + shake, lean_rate=leans[:, 1] + shake_rate,
             )  # fmt: skip
         before = block
