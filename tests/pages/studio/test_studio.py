@@ -48,6 +48,7 @@ def folder(tmp_path_factory):
     (folder / "parts").mkdir(parents=True)
     (folder / "yard.toml").write_text(SMALL)
     (folder / "pyproject.toml").write_text("[tool.other]\n")
+    (folder / ".hidden.toml").write_text(SMALL)  # which is not opened
     for path in (folder / "parts" / "box.stl", folder.parent / "outside.stl"):
         path.write_bytes(trimesh.creation.box((2.0, 2.0, 3.0)).export(file_type="stl"))
     (folder / "parts" / "link.stl").symlink_to(folder.parent / "outside.stl")
@@ -106,7 +107,7 @@ def test_the_page_gets_every_key_with_its_unit_help_and_default(address):
     assert set(start["scene"]) == {*Scenario.__struct_fields__}
     assert start["default"] == plain(Scenario())
     assert {"yard.toml", "quay-day"} <= set(start["scenes"])
-    assert "pyproject.toml" not in start["scenes"]
+    assert not {"pyproject.toml", ".hidden.toml"} & set(start["scenes"])
 
 
 def test_what_is_saved_renders_the_bytes_that_were_shown(address, scene, folder, tmp_path):
