@@ -132,9 +132,9 @@ def with_derived(table: pa.Table, least: float) -> pa.Table:
     """Add what labels imply: whether a box is labelled, and each factor of what varied."""
     seen = np.isfinite(columns.numbers(table["box_x0_px"]))
     labelled = seen & (columns.numbers(table["visible_fraction"]) >= least)
-    table = table.append_column(_field("labelled", pa.bool_(), "whether detection labels hold a box"), [labelled])
+    table = table.append_column(field("labelled", pa.bool_(), "whether detection labels hold a box"), [labelled])
     for name, values in columns.expanded(table["varied"], VARIED):
-        table = table.append_column(_field(name, values.type, "what varied within the dataset"), values)
+        table = table.append_column(field(name, values.type, "what varied within the dataset"), values)
     return table
 
 
@@ -145,6 +145,7 @@ def factors(table: pa.Table, prefix: str = "") -> list[str]:
     return [name for factor in _FACTORS for name in named if factor in name.removeprefix(before).split("+")]
 
 
-def _field(name: str, kind: pa.DataType, text: str) -> pa.Field:
-    about: dict[str | bytes, Any] = {"unit": "", "description": text}
+def field(name: str, kind: pa.DataType, text: str, unit: str = "") -> pa.Field:
+    """Describe a column that labels do not have."""
+    about: dict[str | bytes, Any] = {"unit": unit, "description": text}
     return pa.field(name, kind, metadata=about)

@@ -138,21 +138,3 @@ def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | Non
         measured = {key: [plain[name] for name in names] for key, names in _MEASURED.items()}
         drawn["measured"] = {key: None if None in values else values for key, values in measured.items()}
     return drawn
-
-
-def part(subject: Subject, rows: NDArray[np.int64]) -> Dataset:
-    """Give the dataset of some rows, by frame.
-
-    Parameters
-    ----------
-    subject : Subject
-    rows : ndarray of int64, shape (k,)
-
-    Raises
-    ------
-    DatasetError
-        If these rows have no labels and pictures of a dataset.
-    """
-    if subject.dataset is None or subject.labels is None:
-        raise DatasetError(f"{subject.name}: only frames of a finished dataset can be exported")
-    return subject.dataset.with_rows(subject.labels.table.take(pa.array(rows)).sort_by("frame"))
