@@ -238,6 +238,7 @@ def test_a_learning_curve_begins_each_point_with_the_same_weights(halves, videos
         (["--also", "x", "--learning-curve", "10,0"], "must increase"),
         (["--also", "x", "--learning-curve", "a"], "numbers of frames are needed"),
         (["--grab-class", "grab"], "--grab-class belongs to --also and --real"),
+        (["--also", "x", "--learning-curve", "0,10", "--seed", "-1"], "-1 is not in the range"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(halves, tmp_path, arguments, problem):
