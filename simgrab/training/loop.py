@@ -12,7 +12,6 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -23,7 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader
 
 from simgrab._version import __version__
 from simgrab.errors import TrainingError
@@ -81,8 +80,6 @@ class Trained:
         Validation figures of that epoch.
     epoch, epochs : int
         That epoch, and how many were run.
-    history : tuple of dict
-        Loss and figures of each epoch.
     seconds : float
         Wall time, interruptions left out.
     examples : int
@@ -93,7 +90,6 @@ class Trained:
     figures: dict[str, float]
     epoch: int
     epochs: int
-    history: tuple[dict[str, float], ...]
     seconds: float
     examples: int
 
@@ -204,12 +200,14 @@ class _Run:
             return self.task.batch(order[i * size : (i + 1) * size], rng)
 
         if self.loaders:
-            made = DataLoader(
-                _Made(make, self.steps), batch_size=None, num_workers=self.loaders, multiprocessing_context="fork",
-                generator=torch.Generator(),  # not the chance that dropout goes by
+            made: DataLoader[Batch] = DataLoader(
+                range(self.steps), batch_size=None, collate_fn=make, num_workers=self.loaders,  # type: ignore[arg-type]
+                multiprocessing_context="fork", generator=torch.Generator(),  # not the chance that dropout goes by
             )  # fmt: skip
-            with _one_opencv_thread():
-                batches = iter(made)
+            threads = cv2.getNumThreads()
+            cv2.setNumThreads(1)  # a fork has none of OpenCV's threads, and would wait for them for ever
+            batches = iter(made)
+            cv2.setNumThreads(threads)
             yield from (to_device(batch, self.device) for batch in batches)
             return
         with ThreadPoolExecutor(1) as pool:
@@ -281,34 +279,7 @@ class _Run:
         self.average.module.load_state_dict(self.best)
         best = {name: value for name, value in self.history[self.best_epoch - 1].items() if name != "loss"}
         net = self.average.module.cpu().eval()
-        return Trained(
-            net, best, self.best_epoch, len(self.history), tuple(self.history), self.seconds, self.task.examples
-        )
-
-
-@dataclass(frozen=True)
-class _Made(Dataset[Batch]):
-    """The batches of an epoch by their numbers."""
-
-    make: Callable[[int], Batch]
-    steps: int
-
-    def __len__(self) -> int:
-        return self.steps
-
-    def __getitem__(self, i: int) -> Batch:
-        return self.make(i)
-
-
-@contextmanager
-def _one_opencv_thread() -> Iterator[None]:
-    """End OpenCV's threads while processes are forked: a fork has none of them, and would wait for them for ever."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)
+        return Trained(net, best, self.best_epoch, len(self.history), self.seconds, self.task.examples)
 
 
 def groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:
