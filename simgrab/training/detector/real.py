@@ -62,7 +62,7 @@ class Real:
             "labels_sha256": digest(self.train),
         }  # fmt: skip
 
-    def figures(self, out: Path, start: str | Path | None = None, watch: Steps | None = None) -> dict[str, Any]:
+    def figures(self, out: Path, start: str | Path | None, watch: Steps) -> dict[str, Any]:
         """Judge a detector, and the one that it began with: ``real``, ``real_by_video`` and ``real_before``."""
         found = self._judged(out, "detecting in real images", watch)
         result = {"real_by_video": found.pop("by_video")}
@@ -71,8 +71,8 @@ class Real:
             result["real_before"] = {key: value for key, value in before.items() if key != "by_video"}
         return {"real": found} | result
 
-    def _judged(self, folder: Path, name: str, watch: Steps | None) -> dict[str, Any]:
-        seen = evaluate.watch(GrabDetector(folder), self.held_out, watch(name) if watch else None)
+    def _judged(self, folder: Path, name: str, watch: Steps) -> dict[str, Any]:
+        seen = evaluate.watch(GrabDetector(folder), self.held_out, watch(name))
         return score([frame.row for frame in self.held_out], [one.detection for one in seen])
 
     def some(self, count: int, seed: int) -> Real:
