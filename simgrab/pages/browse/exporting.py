@@ -22,19 +22,7 @@ _SECONDS_TO_END = 10.0
 
 
 class ExportState(msgspec.Struct, frozen=True):
-    """How far an export is.
-
-    Attributes
-    ----------
-    status : str
-        ``none``, ``running``, ``done`` or ``failed``.
-    done, total : int
-        Frames.
-    out : str
-        Where it is written.
-    problem : str
-        Why it failed.
-    """
+    """How far an export is: ``none``, ``running``, ``done`` or ``failed``; frames; where to, and why it failed."""
 
     status: str = "none"
     done: int = 0
@@ -55,15 +43,7 @@ class Exports:
         self._lock, self._ends, self._thread = threading.Lock(), threading.Event(), threading.Thread()
 
     def start(self, rows: NDArray[np.int64], out: str, format: str) -> ExportState:
-        """Begin an export.
-
-        Parameters
-        ----------
-        rows : ndarray of int64, shape (k,)
-        out : str
-            New folder, outside of what is browsed.
-        format : str
-            One of `FORMATS`.
+        """Begin an export of rows, shape (k,), into a new folder outside of what is browsed, in one of `FORMATS`.
 
         Raises
         ------

@@ -119,15 +119,7 @@ _MEASURED = {"box": ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), "centr
 
 
 def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | None = None) -> dict[str, Any]:
-    """Give what is drawn on a row's picture, in its px, as plain data.
-
-    Parameters
-    ----------
-    subject : Subject
-    row : int
-    outline : sequence of polygons u0, v0, u1, v1 …, optional
-        Of the mask.
-    """
+    """Give what is drawn on a row's picture, in its px, as plain data; the mask by its outline."""
     known = subject.row(row)
     width, height = (known.width_px, known.height_px) if known else subject.size_px or (16, 9)
     drawn: dict[str, Any] = {"row": row, "frame": int(subject.frames[row]), "width": width, "height": height}

@@ -114,13 +114,7 @@ class Documents:
         return model
 
     def toml(self, scenario: Scenario, folder: Path | None = None) -> str:
-        """Write a scene file, without what has its default, to lie in a folder.
-
-        Parameters
-        ----------
-        scenario : Scenario
-        folder : Path, optional
-            That of the scene at the start unless given.
+        """Write a scene file, without what has its default, to lie in a folder: unless given, the first scene's.
 
         Raises
         ------

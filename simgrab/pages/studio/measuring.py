@@ -48,12 +48,7 @@ class Measuring:
     def measure(self, scenario: Scenario, frame: int, rendered: Callable[[int], Future[bytes]]) -> dict[str, Any]:
         """Measure a frame; where that was done already, measure one more of its record.
 
-        Parameters
-        ----------
-        scenario, frame
-            Of which scene, and which one.
-        rendered : callable
-            Begins to render the picture file of a frame, at full size.
+        ``rendered`` begins to render the picture file of a frame, at full size.
 
         Returns
         -------

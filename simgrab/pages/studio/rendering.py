@@ -35,15 +35,7 @@ _VALUES = (
 
 @dataclass(frozen=True)
 class Wish:
-    """A frame that is wanted.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    frame : int
-    small : bool
-        Whether a small one will do.
-    """
+    """A frame that is wanted, small where that will do."""
 
     scenario: Scenario
     frame: int

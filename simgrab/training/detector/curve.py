@@ -49,9 +49,7 @@ def learning_curve(
     real : Real
         Its validation frames are not used: real frames beyond those counted influence nothing.
     counts : sequence of int
-        Numbers of frames to learn from; see `Real.some`.
-    seed : int
-        Of the order in which videos and frames are taken.
+        Numbers of frames to learn from; ``seed`` is that of their order: see `Real.some`.
 
     Returns
     -------

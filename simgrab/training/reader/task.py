@@ -27,16 +27,10 @@ LEAST_THRESHOLD = 0.8
 class Digits:
     """Cells as a task of `simgrab.training.loop`.
 
-    Parameters
-    ----------
-    train, val : Cells
-    seed : int
-        Of the alterations of the validation cells, which are the same in every epoch.
-
     Attributes
     ----------
     crops, digits, weather : ndarray, shapes (n, 1, 32, 32), (n,), (n,)
-        The validation cells, as they lie and altered `ROUNDS` times.
+        The validation cells, as they lie and altered `ROUNDS` times: by the seed, the same in every epoch.
     """
 
     def __init__(self, train: Cells, val: Cells, seed: int) -> None:
