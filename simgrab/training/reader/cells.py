@@ -45,6 +45,7 @@ class Cells:
     frames: NDArray[np.int64]
     weather: tuple[str, ...]
 
+
 def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
     """Cut the cells of a split out of the pictures, and by the seed some off the display.
 
