@@ -146,6 +146,17 @@ def copy(dataset, tmp_path):
 
 
 @pytest.fixture(scope="session")
+def halves(dataset, tmp_path_factory):
+    """The small dataset, four frames to learn from and two to judge by, one of which shows nothing."""
+    path = shutil.copytree(dataset, tmp_path_factory.mktemp("halves") / "data")
+    altered(path, "split", lambda splits: ["train" if i < 4 else "val" for i in range(len(splits))])
+    nothing = {f"box_{e}_px": None for e in ("x0", "y0", "x1", "y1")} | {"visible_fraction": 0.0, "present": False}
+    for column, value in nothing.items():
+        altered(path, column, lambda values, value=value: [*values[:5], value])
+    return path
+
+
+@pytest.fixture(scope="session")
 def crooked_dataset(crooked_scene, tmp_path_factory):
     return rendered_once(tmp_path_factory, "crooked", crooked_scene)
 

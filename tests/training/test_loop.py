@@ -121,20 +121,16 @@ def test_an_epoch_sees_every_example_at_most_once(tmp_path):
     assert list(first) != list(second)
 
 
-class KilledError(Exception):
-    pass
-
-
 @pytest.mark.parametrize("at", [(1, 3), (3, 4), (5, 1)])
 def test_a_killed_training_resumes_to_the_same_weights(tmp_path, at):
     def kill(report):
         if (report.epoch, report.step) == at and not report.figures:
-            raise KilledError
+            raise KeyboardInterrupt
 
     (tmp_path / "whole").mkdir()
     (tmp_path / "killed").mkdir()
     whole = loop.train(build, Line(), RECIPE, tmp_path / "whole")
-    with pytest.raises(KilledError):
+    with pytest.raises(KeyboardInterrupt):
         loop.train(build, Line(), RECIPE, tmp_path / "killed", report=kill)
     again = loop.train(build, Line(), RECIPE, tmp_path / "killed", resume=True)
     assert torch.equal(weights(whole), weights(again))

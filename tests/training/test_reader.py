@@ -144,18 +144,14 @@ def test_the_threshold_refuses_one_in_ten_thousand():
     assert task.threshold(probabilities, digits) == task.LEAST_THRESHOLD
 
 
-class KilledError(Exception):
-    pass
-
-
 def test_a_killed_training_ends_in_the_same_bytes(dataset, tmp_path):
     whole = train_reader([dataset], tmp_path / "whole", FAST)
 
     def kill(report):
         if report.epoch == 2 and report.step > 2:
-            raise KilledError
+            raise KeyboardInterrupt
 
-    with pytest.raises(KilledError):
+    with pytest.raises(KeyboardInterrupt):
         train_reader([dataset], tmp_path / "killed", FAST, report=kill)
     resumed = train_reader([dataset], tmp_path / "killed", FAST, resume=True)
     assert (tmp_path / "killed/reader.onnx").read_bytes() == (tmp_path / "whole/reader.onnx").read_bytes()
