@@ -14,11 +14,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from simgrab.text import printable
+from simgrab.text import encodable, printable
 
 MOST_LEVELS = 200
 """Of a column of texts that is shown as categories, with a bar for each; one with more is searched."""
 
+_MOST_DIGITS = 16  # of whole numbers, which floats hold
 _FEW = 8  # levels that are shown even of few rows; else each needs two rows on average
 
 Kind = Literal["number", "category", "text", "list"]
@@ -133,7 +134,7 @@ def expanded(values: pa.ChunkedArray, prefix: str) -> list[tuple[str, pa.Chunked
         plain = all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in each)
         kind = pa.float64() if plain else pa.string()
         kept = pa.array(each if plain else [_text(value) for value in each], kind)
-        found.append((f"{prefix}{key}", pa.chunked_array([kept.take(pa.array(indices))])))
+        found.append((f"{prefix}{encodable(key)}", pa.chunked_array([kept.take(pa.array(indices))])))
     return found
 
 
@@ -144,11 +145,17 @@ def _coded(values: pa.ChunkedArray) -> pa.DictionaryArray:
 
 def _object(text: str) -> dict[str, Any]:
     try:
-        data = json.loads(text) if text else {}
+        data = json.loads(text, parse_int=_whole) if text else {}
     except (ValueError, RecursionError):
         return {}
     return data if isinstance(data, dict) else {}
 
 
+def _whole(digits: str) -> float:
+    return int(digits) if len(digits) < _MOST_DIGITS else float(digits)
+
+
 def _text(value: Any) -> str | None:
-    return value if value is None or isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    if value is None:
+        return None
+    return encodable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))

@@ -85,7 +85,7 @@ def _unfinished(path: Path) -> Subject:
     try:
         total, name = int(identity["frames"]), str(identity["scenario"]["name"])
         least = float(identity["scenario"]["labels"]["least_visible_fraction"])
-    except (LookupError, TypeError, ValueError) as problem:
+    except (LookupError, TypeError, ValueError, OverflowError) as problem:
         raise DatasetError(f"{path}: not an unfinished simgrab dataset ({first_line(problem)})") from None
     rows, masks, damaged = list[Row](), dict[int, Coded](), 0
     for record in sorted((path / PARTIAL / "rows").glob("*.json")):

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from simgrab.errors import DatasetError, SimgrabError, memory_problem
+from simgrab.errors import DatasetError, SimgrabError, first_line, memory_problem
 from simgrab.io.destination import check_new_folder
 from simgrab.io.stores import is_url
 from simgrab.pages.browse.subject import Subject
@@ -75,12 +75,15 @@ class Exports:
         """Refuse a place that cannot be written, or lies in a folder that is browsed."""
         if not out.strip() or is_url(out):
             raise DatasetError("name a new folder to write")
-        path = Path(os.path.abspath(Path(out).expanduser()))  # noqa: PTH100  # links are followed below
+        try:
+            path = Path(os.path.abspath(Path(out).expanduser()))  # noqa: PTH100  # links are followed below
+        except RuntimeError as problem:  # of a user that is not there
+            raise DatasetError(f"{out}: {first_line(problem)}") from None
+        check_new_folder(path, DatasetError, "folder")
         real = Path(os.path.realpath(path))
         for folder in (Path(self._subject.name), source):
             if real.is_relative_to(os.path.realpath(folder)):
                 raise DatasetError(f"{path} is inside {folder}, in which nothing is written; choose another folder")
-        check_new_folder(path, DatasetError, "folder")
         return path
 
     def _export(self, rows: NDArray[np.int64], path: Path, format: str) -> None:
