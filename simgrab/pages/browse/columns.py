@@ -50,11 +50,6 @@ class Column:
     span: tuple[float, float] | None = None
 
     @property
-    def numbers(self) -> NDArray[np.float64]:
-        """Numbers, shape (n,); NaN where there is none."""
-        return numbers(self.values)
-
-    @property
     def codes(self) -> NDArray[np.uint32]:
         """Shape (n,): of categories the index in ``levels``, of texts the rank among all of them, sorted."""
         coded = _coded(self.values)
@@ -67,7 +62,7 @@ class Column:
     def content(self) -> bytes:
         """Give the column as bytes, little-endian: float64 of numbers, uint32 of categories and texts."""
         if self.kind == "number":
-            return self.numbers.astype("<f8").tobytes()
+            return numbers(self.values).astype("<f8").tobytes()
         return self.codes.astype("<u4").tobytes()
 
     def matches(self, text: str) -> NDArray[np.bool_]:

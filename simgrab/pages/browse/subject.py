@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from simgrab.dataset.datasets import Dataset, FolderRows
 from simgrab.dataset.overlay import marks
@@ -76,11 +74,6 @@ class Subject:
         """Columns of the table."""
         return columns.of(self.table)
 
-    @cached_property
-    def frames(self) -> NDArray[np.int64]:
-        """Number of each row's frame, shape (n,)."""
-        return np.asarray(self.table["frame"].to_numpy(), np.int64)
-
     def values(self, row: int) -> dict[str, Any]:
         """Everything that the table holds of a row, by column."""
         plain: dict[str, Any] = self.table.slice(row, 1).to_pylist()[0]
@@ -122,7 +115,7 @@ def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | Non
     """Give what is drawn on a row's picture, in its px, as plain data; the mask by its outline."""
     known = subject.row(row)
     width, height = (known.width_px, known.height_px) if known else subject.size_px or (16, 9)
-    drawn: dict[str, Any] = {"row": row, "frame": int(subject.frames[row]), "width": width, "height": height}
+    drawn: dict[str, Any] = {"row": row, "frame": subject.table["frame"][row].as_py(), "width": width, "height": height}
     if known is not None:
         drawn["truth"] = marks(known, outline)
     if subject.kind == "run":
