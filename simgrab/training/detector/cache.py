@@ -23,6 +23,7 @@ from simgrab.model.records.frame_files import picture
 from simgrab.model.truth import Boxed, Row
 
 Progress = Callable[[int, int], None]
+Watch = Callable[[str], Progress]
 _MOST_BYTES = 4 * 2**30  # of the list of patches
 _WORKERS = 2  # decoding lets go of Python's lock
 

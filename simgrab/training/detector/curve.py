@@ -16,9 +16,10 @@ from simgrab._version import __version__
 from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
 from simgrab.io.parse import is_file, read_json
+from simgrab.training.detector.cache import Watch
 from simgrab.training.detector.real import Real, by_video, digest
 from simgrab.training.detector.settings import Recipes
-from simgrab.training.detector.train import Follow, FrameSplits, Watch, start_digests, train
+from simgrab.training.detector.train import Follow, FrameSplits, start_digests, train
 from simgrab.training.folder import CURVE, check, claim, write
 
 JSON, MARKDOWN = "learning-curve.json", "learning-curve.md"

@@ -40,7 +40,6 @@ _SUSPECT = 0.02  # heat from which on a place that is no grab makes a hard examp
 _BATCH = 32  # batch of the coarse net, pictures
 
 NETS = ("coarse", "pose")
-Watch = Callable[[str], Callable[[int, int], None]]
 Follow = Callable[[str], Callable[[loop.TrainingReport], None]]
 TASKS = {
     "coarse": f"Picture of {COARSE_WIDTH} x {COARSE_HEIGHT} in, heat at the centre of the grab's visible box and the "
@@ -59,7 +58,7 @@ def train(
     start: str | Path | None = None,
     share: float = 1.0,
     resume: bool = False,
-    watch: Watch = lambda _: lambda _done, _total: None,
+    watch: cache.Watch = lambda _: lambda _done, _total: None,
     report: Follow = lambda _: lambda _report: None,
     loaders: int = 0,
 ) -> dict[str, Any]:
@@ -144,7 +143,7 @@ class FrameSplits:
 
 
 def _fit(
-    frames: FrameSplits, out: Path, recipes: Recipes, digest: str, start: Path | None, share: float, watch: Watch,
+    frames: FrameSplits, out: Path, recipes: Recipes, digest: str, start: Path | None, share: float, watch: cache.Watch,
     report: Follow, run: Callable[..., loop.Trained],
 ) -> tuple[dict[str, loop.Trained], dict[str, Any]]:  # fmt: skip
     """Train the nets and write them into a folder; returns them by name, and their figures together.
