@@ -3,6 +3,7 @@
 import { ask, askJson, byId, make } from "./dom.js";
 import { Controls } from "./controls.js";
 import { Instrument } from "./instrument.js";
+import { switchLayers } from "./overlay.js";
 import { learn, same } from "./schema.js";
 import { truth } from "./truth.js";
 import { Viewer } from "./viewer.js";
@@ -256,7 +257,7 @@ function listen() {
   on("before", "click", () => go(view.frame - 1, false));
   on("after", "click", () => go(view.frame + 1, false));
   on("play", "click", () => (view.playing ? pause() : play()));
-  on("layers", "change", layers);
+  on("layers", "change", switchLayers);
   on("compare", "change", (event) => beside(event.target.value));
   on("seed", "input", (event) => {
     const seed = Number(event.target.value);
@@ -307,10 +308,6 @@ function listen() {
   });
 }
 
-function layers() {
-  for (const one of document.querySelectorAll("[data-layer]")) document.body.classList.toggle(`no-${one.dataset.layer}`, !one.checked);
-}
-
 function prepare() {
   byId("compare").replaceChildren(...[NONE, SEED, ...start.scenes].map((name) => make("option", { value: name }, name)));
   byId("scenes").replaceChildren(...start.scenes.map((name) => make("option", { value: name })));
@@ -333,7 +330,7 @@ function shownAgain() {
 
 prepare();
 listen();
-layers();
+switchLayers();
 render(true); // first a small frame, then the full one
 controls.build();
 refresh();
