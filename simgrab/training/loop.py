@@ -12,7 +12,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -65,7 +65,7 @@ class TrainingReport:
     steps: int
     loss: float
     examples_per_s: float
-    figures: Mapping[str, float] = field(default_factory=dict)
+    figures: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def train(
     *,
     data: str = "",
     resume: bool = False,
-    report: Callable[[TrainingReport], None] | None = None,
+    report: Callable[[TrainingReport], None] = lambda _: None,
     loaders: int = 0,
 ) -> Trained:
     """Train a net.
@@ -122,7 +122,7 @@ def train(
         Digest of the examples; a checkpoint is not taken up with others.
     resume : bool
         Go on from the checkpoint, where there is one.
-    report : callable, optional
+    report : callable
     loaders : int
         Processes that make batches, forked from this one, which a fast device waits for less; 0 makes them in a thread.
         The batches are the same.
@@ -170,26 +170,26 @@ class _Run:
         done, patience = len(self.history), self.recipe.patience
         return done >= self.recipe.epochs or bool(patience and done - self.best_epoch >= patience)
 
-    def epoch(self, report: Callable[[TrainingReport], None] | None) -> None:
+    def epoch(self, report: Callable[[TrainingReport], None]) -> None:
         start, number, losses = time.monotonic(), len(self.history), []
+
+        def tell(step: int, loss: float, figures: Mapping[str, float]) -> None:
+            speed = step * self.recipe.batch / (time.monotonic() - start)
+            report(TrainingReport(number + 1, self.recipe.epochs, step, self.steps, loss, speed, figures))
+
         torch.manual_seed(int(stream(self.recipe.seed, number, "torch").integers(2**62)))
         self.net.train()
         for i, batch in enumerate(self._batches(number)):
             losses.append(self._step(number * self.steps + i, batch))
-            if report:
-                speed = (i + 1) * self.recipe.batch / (time.monotonic() - start)
-                report(TrainingReport(number + 1, self.recipe.epochs, i + 1, self.steps, losses[-1], speed))
+            tell(i + 1, losses[-1], {})
         with torch.inference_mode():
             figures = {name: float(value) for name, value in self.task.validate(self.average.module).items()}
-        speed = self.steps * self.recipe.batch / (time.monotonic() - start)
         self.history.append({"loss": float(np.mean(losses))} | figures)
         if not self.best or figures[SCORE] > self.history[self.best_epoch - 1][SCORE]:
             self.best, self.best_epoch = copy.deepcopy(self.average.module.state_dict()), number + 1
         self.seconds += time.monotonic() - start
         self.save()
-        if report:
-            mean = self.history[-1]["loss"]
-            report(TrainingReport(number + 1, self.recipe.epochs, self.steps, self.steps, mean, speed, figures))
+        tell(self.steps, self.history[-1]["loss"], figures)
 
     def _batches(self, epoch: int) -> Iterator[Batch]:
         recipe, size = self.recipe, min(self.recipe.batch, self.task.examples)

@@ -41,7 +41,7 @@ def train_reader(
     recipe: TrainingRecipe = RECIPE,
     *,
     resume: bool = False,
-    report: Callable[[loop.TrainingReport], None] | None = None,
+    report: Callable[[loop.TrainingReport], None] = lambda _: None,
 ) -> Card:
     """Train a reader on rendered datasets and write ``reader.onnx`` with its card.
 
