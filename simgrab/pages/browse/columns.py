@@ -53,11 +53,9 @@ class Column:
     def codes(self) -> NDArray[np.uint32]:
         """Shape (n,): of categories the index in ``levels``, of texts the rank among all of them, sorted."""
         coded = _coded(self.values)
-        texts = coded.dictionary.to_pylist()
-        order = {text: rank for rank, text in enumerate(sorted(texts))}
-        ranks = np.array([order[text] for text in texts] + [len(texts)], np.uint32)
-        indices = coded.indices.fill_null(len(texts)).to_numpy(zero_copy_only=False)
-        return ranks[indices]
+        count = len(coded.dictionary)
+        ranks = np.append(pc.rank(coded.dictionary).to_numpy() - 1, count).astype(np.uint32)
+        return ranks[coded.indices.fill_null(count).to_numpy(zero_copy_only=False)]
 
     def content(self) -> bytes:
         """Give the column as bytes, little-endian: float64 of numbers, uint32 of categories and texts."""
@@ -86,9 +84,7 @@ def column(name: str, values: pa.ChunkedArray, unit: str = "", description: str 
     if pa.types.is_list(values.type):
         return Column(name, unit, description, "list", values)
     if pa.types.is_boolean(values.type):
-        texts = np.array(["no", "yes"], object)[values.fill_null(False).to_numpy().astype(int)]
-        texts[values.is_null().to_numpy()] = None
-        values = pa.chunked_array([pa.array(texts, pa.string())])
+        values = pc.if_else(values, "yes", "no")
     if not pa.types.is_string(values.type):
         known = numbers(values)
         known = known[np.isfinite(known)]
