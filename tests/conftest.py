@@ -57,9 +57,10 @@ def pytest_collection_modifyitems(config, items):
 
 
 def toml(value):
+    """Write a value as TOML on one line."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + "}"
-    return json.dumps(value)
+        return "{" + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + "}"
+    return "[" + ", ".join(map(toml, value)) + "]" if isinstance(value, list) else json.dumps(value)
 
 
 def as_options(changes):
@@ -142,6 +143,17 @@ def dataset(scene, tmp_path_factory):
 def copy(dataset, tmp_path):
     """A copy of the small dataset, to be changed."""
     return shutil.copytree(dataset, tmp_path / "copy")
+
+
+@pytest.fixture(scope="session")
+def halves(dataset, tmp_path_factory):
+    """The small dataset, four frames to learn from and two to judge by, one of which shows nothing."""
+    path = shutil.copytree(dataset, tmp_path_factory.mktemp("halves") / "data")
+    altered(path, "split", lambda splits: ["train" if i < 4 else "val" for i in range(len(splits))])
+    nothing = {f"box_{e}_px": None for e in ("x0", "y0", "x1", "y1")} | {"visible_fraction": 0.0, "present": False}
+    for column, value in nothing.items():
+        altered(path, column, lambda values, value=value: [*values[:5], value])
+    return path
 
 
 @pytest.fixture(scope="session")

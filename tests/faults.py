@@ -35,32 +35,20 @@ class LongLens(RopeAware):
         return super().estimate(pixels, longer, **known)
 
 
-def sound(folder):
-    answers = Answers(folder)
-    return Pipeline(KnowingDetector(answers), KnowingReader(answers))
+def pipeline(shift_px=0.0, takes="", **parts):
+    """What makes a pipeline that looks its answers up in a folder of datasets."""
+
+    def make(folder):
+        answers = Answers(folder)
+        return Pipeline(KnowingDetector(answers, shift_px=shift_px), KnowingReader(answers, takes), **parts)
+
+    return make
 
 
-def shifted(folder):
-    answers = Answers(folder)
-    return Pipeline(KnowingDetector(answers, shift_px=2.0), KnowingReader(answers))
-
-
-def swapping(folder):
-    answers = Answers(folder)
-    return Pipeline(KnowingDetector(answers), KnowingReader(answers, takes="38"))
-
-
-def long_lens(folder):
-    return dataclasses.replace(sound(folder), estimator=LongLens())
-
-
-def mirrored(folder):
-    return dataclasses.replace(sound(folder), estimator=Mirrored())
-
-
+sound, shifted = pipeline(), pipeline(shift_px=2.0)
 FAULTS = {
     "detector 2 px to the right": shifted,
-    "3 read as 8": swapping,
-    "h 5 % off": long_lens,
-    "sign of gamma": mirrored,
+    "3 read as 8": pipeline(takes="38"),
+    "h 5 % off": pipeline(estimator=LongLens()),
+    "sign of gamma": pipeline(estimator=Mirrored()),
 }

@@ -2,8 +2,6 @@ import json
 import os
 import pickle
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -20,15 +18,6 @@ from simgrab.errors import DatasetError
 from simgrab.instrument.source import open_source
 from simgrab.model import calibration
 from simgrab.model.records import frame_files
-
-
-def test_a_dataset_reads_as_it_lies(copy):
-    found = datasets.read(copy)
-    assert [row.frame for row in found.rows] == list(range(6))
-    assert found.data.scenario == "quay-day"
-    for row in found.rows:
-        label = (copy / row.file.replace("images", "labels")).with_suffix(".txt").read_text()
-        assert found.is_labelled(row) == bool(label)
 
 
 def test_what_is_no_dataset_is_refused(copy, tmp_path):
@@ -267,9 +256,3 @@ def test_a_picture_file_is_not_read_beyond_its_limit(copy):
 def test_a_dataset_goes_to_another_process(dataset):
     data = simgrab.open(dataset)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(data))[1].mask, data[1].mask)
-
-
-def test_opening_needs_no_mujoco(dataset):
-    heavy = {"mujoco", "OpenGL", "simgrab.world"}
-    code = f"import sys, simgrab; simgrab.open(sys.argv[1]).scenario; assert not {heavy} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code, str(dataset)], check=True)

@@ -39,12 +39,7 @@ def test_paths_are_shown_as_utf_8_and_what_is_none_by_escapes():
     assert printable("a\nb\x1b[31m") == r"a\nb\x1b[31m"
     ascii_locale = "ü雪".encode().decode("ascii", "surrogateescape")  # what LC_ALL=C makes of the name
     assert printable(ascii_locale) == "ü雪"
-
-
-def test_what_can_be_printed_stays_as_it_is():
-    assert str(RunError("é.toml: α must be ≤ 10°, got '年月日'")) == "é.toml: α must be ≤ 10°, got '年月日'"
-    assert str(ScenarioError("a\nb", "unknown key")) == r"a\nb: unknown key"
-    assert str(RunError("\udcff.toml")) == r"\xff.toml"
+    assert str(ScenarioError("a\nb", "α must be ≤ 10°, got '年月日'")) == r"a\nb: α must be ≤ 10°, got '年月日'"
 
 
 def test_a_long_message_keeps_both_ends():

@@ -174,9 +174,29 @@ def test_the_cache_of_checks_goes_by_what_decides_pixels_and_by_nothing_else():
     assert not digested & {"instrument", "judge", "cli", "reports", *ROOMS}
 
 
-def test_import_touches_no_opengl():
-    code = "import sys, simgrab; assert not {'mujoco', 'OpenGL', 'torch', 'simgrab.world'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
+@pytest.mark.parametrize(
+    ("act", "needless"),
+    [
+        ("import simgrab", {"mujoco", "OpenGL", "torch", "simgrab.world"}),
+        ("import simgrab; simgrab.open(sys.argv[1]).scenario", {"mujoco", "OpenGL", "simgrab.world"}),
+        (
+            "import simgrab.dataset.render, simgrab.cli.render",
+            {"scipy.signal", "scipy.stats", "matplotlib", "onnxruntime", "simgrab.world.trajectory.clip"},
+        ),
+        (
+            "from simgrab.cli import cli; cli(['-h'], standalone_mode=False)",
+            {"cv2", "mujoco", "rich", "scipy.linalg", "scipy.optimize", "scipy.special", "trimesh", "yaml"},
+        ),
+        (  # which every run of pytest loads, where simgrab is installed
+            "import simgrab.pytest_plugin",
+            {"mujoco", "OpenGL", "torch", "numpy", "cv2", "simgrab.world", "simgrab.judge", "simgrab.instrument"},
+        ),
+    ],
+    ids=["simgrab", "open", "render", "list of commands", "pytest plugin"],
+)
+def test_what_is_needless_is_not_imported(act, needless, dataset):
+    code = f"import sys; {act}; found = {needless} & set(sys.modules); assert not found, found"
+    subprocess.run([sys.executable, "-c", code, str(dataset)], check=True, stdout=subprocess.DEVNULL)
 
 
 def test_mujoco_is_imported_after_its_opengl_is_chosen():
@@ -189,19 +209,6 @@ def test_mujoco_is_imported_after_its_opengl_is_chosen():
             assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in outside), path
 
 
-def test_rendering_starts_without_what_only_other_scenes_and_commands_need():
-    needless = {"scipy.signal", "scipy.stats", "matplotlib", "onnxruntime", "simgrab.world.trajectory.clip"}
-    code = f"import sys, simgrab.dataset.render, simgrab.cli.render; assert not {needless} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_the_list_of_commands_starts_without_what_only_the_commands_need():
-    needless = {"cv2", "mujoco", "rich", "scipy.linalg", "scipy.optimize", "scipy.special", "trimesh", "yaml"}
-    code = "import sys; from simgrab.cli import cli; cli(['-h'], standalone_mode=False); "
-    code += f"assert not {needless} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
-
-
 def test_drawing_figures_leaves_the_users_backend_alone():
     code = """
 import io, matplotlib
@@ -210,11 +217,4 @@ from simgrab.reports.plots import Figure
 Figure().savefig(io.BytesIO(), format="png")
 assert matplotlib.rcParams["backend"] == "pdf" and "matplotlib.pyplot" not in __import__("sys").modules
 """
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_the_pytest_plugin_is_light():
-    # Every run of pytest loads it, where simgrab is installed.
-    heavy = {"mujoco", "OpenGL", "torch", "numpy", "cv2", "simgrab.world", "simgrab.judge", "simgrab.instrument"}
-    code = f"import sys, simgrab.pytest_plugin; assert not {heavy} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -100,7 +100,9 @@ def test_sigma_is_the_rms_of_every_law():
 def test_set_takes_toml_values():
     changes = scenes.parse_changes(["camera.beta_deg=4", "place.model=hold", 'image.format = "png"', "image.ids=true"])
     assert changes == {"camera.beta_deg": 4, "place.model": "hold", "image.format": "png", "image.ids": True}
-    assert scenes.load("quay-day", changes).place.depth_m == 15.0
+    date = scenes.parse_changes(["display.start=2022-01-26T14:05:38"])  # without quotes
+    scene = scenes.load("quay-day", changes | date)
+    assert (scene.place.depth_m, scene.display.start) == (15.0, "2022-01-26T14:05:38")
     for broken in ("camera.beta_deg", "=3", "camera.beta_deg="):
         with pytest.raises(ScenarioError, match="key=value"):
             scenes.parse_changes([broken])
@@ -138,11 +140,6 @@ def test_unknown_scenes_are_named(tmp_path):
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(ScenarioError, match="not a simgrab manifest"):
         scenes.load(tmp_path / "manifest.json")
-
-
-def test_a_date_needs_no_quotes_in_the_shell():
-    changes = scenes.parse_changes(["display.start=2022-01-26T14:05:38", "frames=3"])
-    assert scenes.load("quay-day", changes).display.start == "2022-01-26T14:05:38"
 
 
 def test_a_path_opens_the_file_of_that_name(tmp_path, monkeypatch):

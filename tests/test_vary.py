@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 import tomli_w
-from conftest import slow_but
+from conftest import slow_but, toml
 from scipy import stats
 
 from simgrab.errors import ScenarioError
@@ -52,12 +52,6 @@ def test_what_is_drawn_is_recorded_by_name_or_value():
     drawn = json.loads(one.varied)
     assert drawn["camera.beta_deg"] == one.scenario.camera.beta_deg
     assert drawn["place"] == ("hold" if isinstance(one.scenario.place, Hold) else "yard")
-
-
-def test_frames_of_a_clip_share_a_draw_and_the_next_has_another():
-    scenario = varied(frames=12, clip_frames=4)
-    beta = [variant(scenario, frame).scenario.camera.beta_deg for frame in range(12)]
-    assert [beta[i] for i in (0, 4, 8)] == sorted(set(beta), key=beta.index)
 
 
 def test_a_table_may_be_drawn_less_often_than_each_clip():
@@ -134,14 +128,6 @@ def test_without_factors_the_variant_is_the_scenario():
     assert [span for _, span in variants(scenario)] == [range(scenario.frames)]
 
 
-def test_factors_survive_being_written(tmp_path):
-    scenario = varied()
-    file = tmp_path / "scene.toml"
-    file.write_text(scenario.to_toml())
-    assert scenes.load(file) == scenario
-    assert convert(scenario.to_dict(), Scenario) == scenario
-
-
 @pytest.mark.parametrize(
     ("key", "factor", "message"),
     [
@@ -166,6 +152,7 @@ def test_factors_that_cannot_be_are_refused_when_read(key, factor, message):
         varied(vary={key: factor})
     assert caught.value.key.startswith(f"vary.{key}")
     assert message in caught.value.problem
+    assert key != "camera.beta_deg" or 'dist = "one-of"' not in caught.value.problem  # a cure that would not help
 
 
 @pytest.mark.parametrize(
@@ -182,13 +169,6 @@ def test_a_choice_among_other_than_decimal_numbers_is_refused_with_a_cure(key, v
     with pytest.raises(ScenarioError, match=r'; .*dist = "one-of"'):
         load("choice")
     assert load("one-of").vary[key].values == tuple(values)
-
-
-@pytest.mark.parametrize("factor", [UNIFORM | {"high": 40.0}, UNIFORM | {"low": "1"}, UNIFORM | {"dist": "unifrom"}])
-def test_a_cure_that_would_not_help_is_not_named(factor):
-    with pytest.raises(ScenarioError, match=r"^vary\.camera\.beta_deg") as caught:
-        varied(vary={"camera.beta_deg": factor})
-    assert 'dist = "one-of"' not in caught.value.problem
 
 
 def test_clips_must_have_a_length():
@@ -222,16 +202,9 @@ def state(request, tmp_path):
         return scenes.load(tmp_path / "scene.toml")
 
     def by_set(scene, keys):
-        return scenes.load(scene, scenes.parse_changes(f"{key}={inline(value)}" for key, value in keys.items()))
+        return scenes.load(scene, scenes.parse_changes(f"{key}={toml(value)}" for key, value in keys.items()))
 
     return {"file": by_file, "set": by_set, "python": scenes.load}[request.param]
-
-
-def inline(value):
-    """Write a value as TOML on one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f'"{key}" = {inline(inner)}' for key, inner in value.items()) + "}"
-    return "[" + ", ".join(map(inline, value)) + "]" if isinstance(value, list) else json.dumps(value)
 
 
 def drawn(scenario, key, frames=range(0, 80, 8)):

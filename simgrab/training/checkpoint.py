@@ -40,13 +40,12 @@ def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:
     """
     try:
         with zipfile.ZipFile(path) as archive:  # torch compresses nothing; what is may be larger than memory
-            plain = all(entry.compress_type == zipfile.ZIP_STORED for entry in archive.infolist())
-        state = torch.load(path, map_location="cpu", weights_only=True) if plain else None
-        known = state["identity"] if isinstance(state, dict) else None
+            if any(entry.compress_type != zipfile.ZIP_STORED for entry in archive.infolist()):
+                raise ValueError("compressed")
+        state: dict[str, Any] = dict(torch.load(path, map_location="cpu", weights_only=True))
+        known = dict(state["identity"])
     except Exception as problem:
         raise TrainingError(f"{path} is not a simgrab checkpoint ({type(problem).__name__})") from None
-    if not isinstance(state, dict) or not isinstance(known, dict):
-        raise TrainingError(f"{path} is not a simgrab checkpoint")
     differing = [key for key in sorted(known.keys() | identity.keys(), key=str) if known.get(key) != identity.get(key)]
     if differing:
         changes = ", ".join(
@@ -55,4 +54,4 @@ def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:
         raise TrainingError(
             f"{path} belongs to another training ({changes}): --resume needs the same settings, or choose another --out"
         )
-    return dict(state)
+    return state

@@ -47,9 +47,8 @@ def out_of_memory(recipe: TrainingRecipe) -> Iterator[None]:
     line = f"out of memory with batches of {recipe.batch} on {recipe.device}: choose a smaller --batch"
     try:
         yield
-    except (MemoryError, torch.OutOfMemoryError):
-        raise TrainingError(line) from None
-    except RuntimeError as problem:  # what the CPU's allocator raises
-        if "not enough memory" not in str(problem) and "alloc" not in str(problem).lower():
-            raise
-        raise TrainingError(line) from None
+    except (MemoryError, RuntimeError) as problem:  # the latter is what torch's allocators raise
+        text = str(problem).lower()
+        if isinstance(problem, MemoryError) or "not enough memory" in text or "alloc" in text:
+            raise TrainingError(line) from None
+        raise

@@ -12,8 +12,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -23,7 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader
 
 from simgrab._version import __version__
 from simgrab.errors import TrainingError
@@ -66,7 +65,7 @@ class TrainingReport:
     steps: int
     loss: float
     examples_per_s: float
-    figures: Mapping[str, float] = field(default_factory=dict)
+    figures: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -81,8 +80,6 @@ class Trained:
         Validation figures of that epoch.
     epoch, epochs : int
         That epoch, and how many were run.
-    history : tuple of dict
-        Loss and figures of each epoch.
     seconds : float
         Wall time, interruptions left out.
     examples : int
@@ -93,7 +90,6 @@ class Trained:
     figures: dict[str, float]
     epoch: int
     epochs: int
-    history: tuple[dict[str, float], ...]
     seconds: float
     examples: int
 
@@ -106,7 +102,7 @@ def train(
     *,
     data: str = "",
     resume: bool = False,
-    report: Callable[[TrainingReport], None] | None = None,
+    report: Callable[[TrainingReport], None] = lambda _: None,
     loaders: int = 0,
 ) -> Trained:
     """Train a net.
@@ -126,7 +122,7 @@ def train(
         Digest of the examples; a checkpoint is not taken up with others.
     resume : bool
         Go on from the checkpoint, where there is one.
-    report : callable, optional
+    report : callable
     loaders : int
         Processes that make batches, forked from this one, which a fast device waits for less; 0 makes them in a thread.
         The batches are the same.
@@ -174,26 +170,26 @@ class _Run:
         done, patience = len(self.history), self.recipe.patience
         return done >= self.recipe.epochs or bool(patience and done - self.best_epoch >= patience)
 
-    def epoch(self, report: Callable[[TrainingReport], None] | None) -> None:
+    def epoch(self, report: Callable[[TrainingReport], None]) -> None:
         start, number, losses = time.monotonic(), len(self.history), []
+
+        def tell(step: int, loss: float, figures: Mapping[str, float]) -> None:
+            speed = step * self.recipe.batch / (time.monotonic() - start)
+            report(TrainingReport(number + 1, self.recipe.epochs, step, self.steps, loss, speed, figures))
+
         torch.manual_seed(int(stream(self.recipe.seed, number, "torch").integers(2**62)))
         self.net.train()
         for i, batch in enumerate(self._batches(number)):
             losses.append(self._step(number * self.steps + i, batch))
-            if report:
-                speed = (i + 1) * self.recipe.batch / (time.monotonic() - start)
-                report(TrainingReport(number + 1, self.recipe.epochs, i + 1, self.steps, losses[-1], speed))
+            tell(i + 1, losses[-1], {})
         with torch.inference_mode():
             figures = {name: float(value) for name, value in self.task.validate(self.average.module).items()}
-        speed = self.steps * self.recipe.batch / (time.monotonic() - start)
         self.history.append({"loss": float(np.mean(losses))} | figures)
         if not self.best or figures[SCORE] > self.history[self.best_epoch - 1][SCORE]:
             self.best, self.best_epoch = copy.deepcopy(self.average.module.state_dict()), number + 1
         self.seconds += time.monotonic() - start
         self.save()
-        if report:
-            mean = self.history[-1]["loss"]
-            report(TrainingReport(number + 1, self.recipe.epochs, self.steps, self.steps, mean, speed, figures))
+        tell(self.steps, self.history[-1]["loss"], figures)
 
     def _batches(self, epoch: int) -> Iterator[Batch]:
         recipe, size = self.recipe, min(self.recipe.batch, self.task.examples)
@@ -204,12 +200,14 @@ class _Run:
             return self.task.batch(order[i * size : (i + 1) * size], rng)
 
         if self.loaders:
-            made = DataLoader(
-                _Made(make, self.steps), batch_size=None, num_workers=self.loaders, multiprocessing_context="fork",
-                generator=torch.Generator(),  # not the chance that dropout goes by
+            made: DataLoader[Batch] = DataLoader(
+                range(self.steps), batch_size=None, collate_fn=make, num_workers=self.loaders,  # type: ignore[arg-type]
+                multiprocessing_context="fork", generator=torch.Generator(),  # not the chance that dropout goes by
             )  # fmt: skip
-            with _one_opencv_thread():
-                batches = iter(made)
+            threads = cv2.getNumThreads()
+            cv2.setNumThreads(1)  # a fork has none of OpenCV's threads, and would wait for them for ever
+            batches = iter(made)
+            cv2.setNumThreads(threads)
             yield from (to_device(batch, self.device) for batch in batches)
             return
         with ThreadPoolExecutor(1) as pool:
@@ -281,34 +279,7 @@ class _Run:
         self.average.module.load_state_dict(self.best)
         best = {name: value for name, value in self.history[self.best_epoch - 1].items() if name != "loss"}
         net = self.average.module.cpu().eval()
-        return Trained(
-            net, best, self.best_epoch, len(self.history), tuple(self.history), self.seconds, self.task.examples
-        )
-
-
-@dataclass(frozen=True)
-class _Made(Dataset[Batch]):
-    """The batches of an epoch by their numbers."""
-
-    make: Callable[[int], Batch]
-    steps: int
-
-    def __len__(self) -> int:
-        return self.steps
-
-    def __getitem__(self, i: int) -> Batch:
-        return self.make(i)
-
-
-@contextmanager
-def _one_opencv_thread() -> Iterator[None]:
-    """End OpenCV's threads while processes are forked: a fork has none of them, and would wait for them for ever."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)
+        return Trained(net, best, self.best_epoch, len(self.history), self.seconds, self.task.examples)
 
 
 def groups(net: nn.Module, decay: float) -> list[dict[str, Any]]:

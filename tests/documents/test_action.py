@@ -62,21 +62,13 @@ def test_the_actions_steps_run(given, status, message, tmp_path):
         path.write_text(f'#!/bin/sh\necho {name} "$@" >> "{tmp_path}/installed"\n')
         path.chmod(0o755)
     search = os.pathsep.join([str(tmp_path / "bin"), str(Path(sys.executable).parent), os.environ["PATH"]])
+    here = os.environ | {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / ".cache"), "PATH": search}
     results = []
     for step in (step for step in STEPS if "run" in step):
-        env = {name: value(text, inputs) for name, text in step["env"].items()}
+        command = [step["shell"], "--noprofile", "--norc", "-eo", "pipefail", "-c", value(step["run"], inputs)]
+        env = here | {name: value(text, inputs) for name, text in step["env"].items()}
         results.append(
-            subprocess.run(
-                [step["shell"], "--noprofile", "--norc", "-eo", "pipefail", "-c", value(step["run"], inputs)],
-                cwd=tmp_path,
-                env=os.environ
-                | {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / ".cache"), "PATH": search}
-                | env,
-                capture_output=True,
-                text=True,
-                timeout=300,
-                check=False,
-            )
+            subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=300, check=False)
         )
     assert [result.returncode for result in results] == [0, status], results[-1].stderr
     assert message in results[-1].stdout

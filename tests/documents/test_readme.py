@@ -94,12 +94,6 @@ def test_scene_files_and_suites_read():
         assert convert(merged(base.to_dict(), data), Scenario).name == data["name"]
 
 
-@pytest.mark.parametrize("path", PAGES, ids=str)
-def test_linked_files_exist(path):
-    for target in re.findall(r"\]\(((?!https?:)[^)#]+)[^)]*\)", path.read_text(encoding="utf-8")):
-        assert (path.parent / target).exists(), target
-
-
 @pytest.mark.parametrize("page", TEXTS)
 def test_named_files_exist(page):
     for target in re.findall(r"`((?:scripts|simgrab|tests|assets|scenes)/[\w/.-]+)`", TEXTS[page]):
@@ -117,10 +111,11 @@ def anchors(page):
 
 
 @pytest.mark.parametrize("path", PAGES, ids=str)
-def test_linked_headings_exist(path):
-    for target, anchor in re.findall(r"\]\(((?!https?:)[^)#]*)#([^)]+)\)", path.read_text(encoding="utf-8")):
+def test_linked_files_and_headings_exist(path):
+    for target, anchor in re.findall(r"\]\(((?!https?:)[^)#]*)(?:#([^)]+))?\)", path.read_text(encoding="utf-8")):
         page = path.parent / target if target else path
-        assert anchor in anchors(page.read_text(encoding="utf-8")), f"{target}#{anchor}"
+        assert page.exists(), target
+        assert not anchor or anchor in anchors(page.read_text(encoding="utf-8")), f"{target}#{anchor}"
 
 
 @pytest.mark.parametrize("page", sorted((DOCS / "tutorials").glob("*.md")), ids=lambda page: page.stem)

@@ -37,15 +37,9 @@ def run(command, folder):
     """Exit status, output and error output of ``simgrab …`` or ``python FILE …``."""
     program, *arguments = command
     start = ["-c", "from simgrab.cli import main; main()"] if program == "simgrab" else []
-    found = subprocess.run(
-        [sys.executable, *start, *arguments],
-        cwd=folder,
-        env=os.environ | {"XDG_CACHE_HOME": str(folder / "cache")},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    env = os.environ | {"XDG_CACHE_HOME": str(folder / "cache")}
+    command = [sys.executable, *start, *arguments]
+    found = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=300, check=False)
     return found.returncode, found.stdout, found.stderr
 
 

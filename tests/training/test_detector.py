@@ -2,7 +2,6 @@ import json
 import shutil
 
 import cv2
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -22,20 +21,6 @@ from simgrab.training.detector.train import NETS, train  # noqa: E402
 from simgrab.training.detector.trunk import TRUNK  # noqa: E402
 from simgrab.training.folder import claim  # noqa: E402
 from simgrab.training.loop import TrainingReport  # noqa: E402
-
-
-@pytest.fixture(scope="module")
-def halves(dataset, tmp_path_factory):
-    """The small dataset, four frames to learn from and two to judge by, one of which shows nothing."""
-    path = tmp_path_factory.mktemp("detector") / "data"
-    shutil.copytree(dataset, path)
-    table = pq.read_table(path / "labels.parquet")
-    rows = table.to_pylist()
-    for row in rows:
-        row["split"] = "train" if row["frame"] < 4 else "val"
-    rows[5] |= {f"box_{e}_px": None for e in ("x0", "y0", "x1", "y1")} | {"visible_fraction": 0.0, "present": False}
-    pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), path / "labels.parquet")
-    return path
 
 
 def tiny(frames):
@@ -64,10 +49,6 @@ def test_training_ends_in_a_detector_with_cards(trained, halves):
         assert card["metrics"]["empty_frames"] == 1
 
 
-class KilledError(Exception):
-    pass
-
-
 @pytest.mark.slow
 def test_a_training_killed_twice_is_no_detector_and_resumes_to_the_same_files(trained, halves, tmp_path):
     """While the second net learns, and before its settings are chosen."""
@@ -76,25 +57,25 @@ def test_a_training_killed_twice_is_no_detector_and_resumes_to_the_same_files(tr
     def report(name):
         def tell(now: TrainingReport):
             if name == "pose" and now.epoch == 2:
-                raise KilledError
+                raise KeyboardInterrupt
 
         return tell
 
     def watch(name):
         if name == "detecting in val images":
-            raise KilledError
+            raise KeyboardInterrupt
         return lambda _done, _total: None
 
-    with pytest.raises(KilledError):
+    with pytest.raises(KeyboardInterrupt):
         train([halves], out, tiny, report=report)
-    with pytest.raises(KilledError):
+    with pytest.raises(KeyboardInterrupt):
         train([halves], out, tiny, resume=True, watch=watch)
     with pytest.raises(DetectorError, match=r"pose\.onnx: No such file"):
         detector(out)
     train([halves], out, tiny, resume=True)
     for name in NETS:
         assert (out / f"{name}.onnx").read_bytes() == (trained / f"{name}.onnx").read_bytes()
-    with pytest.raises(KilledError):
+    with pytest.raises(KeyboardInterrupt):
         train([halves], out, tiny, resume=True, watch=watch)
     assert (out / "pose.onnx").read_bytes() == (trained / "pose.onnx").read_bytes()
 

@@ -1,3 +1,4 @@
+import dataclasses
 import hashlib
 from types import SimpleNamespace
 
@@ -40,6 +41,12 @@ def rectangle(box, width, height):
     return np.repeat(np.round(255 * np.outer(y, x)).astype(np.uint8)[..., None], 3, axis=2)
 
 
+def bounds(lit):
+    """Box of the pixels that are set."""
+    ys, xs = np.nonzero(lit)
+    return [xs.min(), ys.min(), xs.max() + 1, ys.max() + 1]
+
+
 # Augmentation ----------------------------------------------------------------------------------------------------
 
 
@@ -52,8 +59,7 @@ def test_labels_turn_with_the_picture(mirror, quarters):
     shares = box / 64
     turned = laid.picture(picture)[..., 0].astype(float)
     np.testing.assert_allclose(middle(turned), laid.points((shares[:2] + shares[2:]) / 2), atol=1e-9)
-    ys, xs = np.nonzero(turned)
-    np.testing.assert_allclose(laid.box(shares) * 64, [xs.min(), ys.min(), xs.max() + 1, ys.max() + 1], atol=1e-9)
+    np.testing.assert_allclose(laid.box(shares) * 64, bounds(turned), atol=1e-9)
     angle = 0.3
     step = laid.points(np.array([0.5, 0.5]) + 0.1 * np.array([np.cos(angle), np.sin(angle)])) - laid.points(
         np.array([0.5, 0.5])
@@ -128,21 +134,39 @@ def frame_of(row, box, path, width=640, height=360):
     return cache.TrainingFrame(row, path, True, "")
 
 
-def test_examples_of_the_pose_net_show_what_they_say(dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr(pose, "_CUT_SHARE", 0)
+BOX = (200, 100, 300, 160)
+
+
+@pytest.fixture
+def cropped(dataset, tmp_path):
+    """Crops of frames with rectangles for grabs, in which the coarse net took boxes for the grab."""
     row = datasets.read(dataset).rows[0]
-    boxes = [(200, 100, 300, 160), (0, 50, 90, 150), (560, 300, 640, 360)]
-    frames = [frame_of(row, box, tmp_path / f"{i}.png") for i, box in enumerate(boxes)]
-    crops = pose.crops(tmp_path / "crops", frames, [[] for _ in frames], seed=0)
+
+    def make(*boxes, suspects=()):
+        folder = tmp_path / f"{len(list(tmp_path.iterdir()))}"
+        frames = [frame_of(row, box, tmp_path / f"{folder.name}-{i}.png") for i, box in enumerate(boxes)]
+        return pose.crops(folder, frames, [suspects] * len(frames), seed=0)
+
+    return make
+
+
+def example_of(crops, trial, i=0):
+    """An example with the grab, without dirt."""
+    return pose._example(crops, i, False, stream(0, trial, "example"), lambda picture, _: picture)
+
+
+def test_examples_of_the_pose_net_show_what_they_say(cropped, monkeypatch):
+    monkeypatch.setattr(pose, "_CUT_SHARE", 0)
+    boxes = [BOX, (0, 50, 90, 150), (560, 300, 640, 360)]
+    crops = cropped(*boxes)
     sides, parts = list[float](), 0
     for i, box in enumerate(boxes):
         for trial in range(80):
-            example = pose._example(crops, i, False, stream(0, trial, "example"), lambda picture, _: picture)
+            example = example_of(crops, trial, i)
             inside = example["crops"][..., 3] == 255
             light = np.where(inside, example["crops"][..., 0], 0) > 127
             places = example["places"] * POSE_SIZE
-            ys, xs = np.nonzero(light)
-            seen = np.array([xs.min(), ys.min(), xs.max() + 1, ys.max() + 1])
+            seen = bounds(light)
             edges = np.clip(places[:4], 0, POSE_SIZE)
             np.testing.assert_allclose(seen, edges, atol=1.1, err_msg=f"{box} {trial}")
             assert (np.abs(example["places"] - 0.5) < pose.FARTHEST - 0.5).all()
@@ -166,13 +190,12 @@ def test_examples_of_the_pose_net_show_what_they_say(dataset, tmp_path, monkeypa
 
 @pytest.mark.parametrize("mirror", [False, True])
 @pytest.mark.parametrize("quarters", range(4))
-def test_places_turn_with_the_crop(dataset, tmp_path, monkeypatch, mirror, quarters):
+def test_places_turn_with_the_crop(cropped, monkeypatch, mirror, quarters):
     monkeypatch.setattr(pose, "_CUT_SHARE", 0)
     monkeypatch.setattr(pose, "turn", lambda *_, **__: Orientation(mirror, quarters))
-    frame = frame_of(datasets.read(dataset).rows[0], (200, 100, 300, 160), tmp_path / "0.png")
-    crops = pose.crops(tmp_path / "crops", [frame], [[]], seed=0)
+    crops = cropped(BOX)
     for trial in range(8):
-        example = pose._example(crops, 0, False, stream(0, trial, "example"), lambda picture, _: picture)
+        example = example_of(crops, trial)
         if example["places"][:4].min() < 0 or example["places"][:4].max() > 1:
             continue  # a part of the grab
         x, y = (250 - 320) / 640, (130 - 180) / 640  # from the picture's middle to the rectangle's, in widths
@@ -184,23 +207,17 @@ def test_places_turn_with_the_crop(dataset, tmp_path, monkeypatch, mirror, quart
         np.testing.assert_allclose(seen, [x, y], atol=0.003)
 
 
-def test_the_edge_that_a_crop_is_given_cuts_picture_box_and_places(dataset, tmp_path, monkeypatch):
+def test_the_edge_that_a_crop_is_given_cuts_picture_box_and_places(cropped, monkeypatch):
     """The crop is one of a picture of the same size that was taken elsewhere."""
     monkeypatch.setattr(pose, "_CUT_SHARE", 1)
     monkeypatch.setattr(pose, "turn", lambda *_, **__: Orientation(False, 0))
-    box = (200, 100, 300, 160)
-    crops = pose.crops(
-        tmp_path / "crops", [frame_of(datasets.read(dataset).rows[0], box, tmp_path / "0.png")], [[]], seed=0
-    )
-    drawn = set()
+    crops, drawn = cropped(BOX), set()
     for trial in range(60):
-        example = pose._example(crops, 0, False, stream(0, trial, "example"), lambda picture, _: picture)
+        example = example_of(crops, trial)
         colours, inside = example["crops"][..., 0], example["crops"][..., 3]
         assert (colours[inside == 0] == GREY).all()
         x0, y0, x1, y1, u, v = example["places"] * POSE_SIZE
-        rows, columns = np.nonzero(inside == 255)
-        ends = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
-        at_edge = np.abs(ends - [x0, y0, x1, y1]) < 1.01
+        at_edge = np.abs(np.subtract(bounds(inside == 255), [x0, y0, x1, y1])) < 1.01
         if (inside == 255).all():
             continue  # the crop ends before the picture does
         assert at_edge.any()
@@ -209,45 +226,27 @@ def test_the_edge_that_a_crop_is_given_cuts_picture_box_and_places(dataset, tmp_
         # The centre is no longer in the middle of the box.
         assert abs(((x0 + x1) / 2 - u, (y0 + y1) / 2 - v)[side % 2]) > 0.02 * (x1 - x0, y1 - y0)[side % 2]
         lit = (colours > 200) & (inside == 255)
-        ys, xs = np.nonzero(lit)
-        np.testing.assert_allclose(
-            [xs.min(), ys.min(), xs.max() + 1, ys.max() + 1], np.clip([x0, y0, x1, y1], 0, POSE_SIZE), atol=1.6
-        )
+        np.testing.assert_allclose(bounds(lit), np.clip([x0, y0, x1, y1], 0, POSE_SIZE), atol=1.6)
         # The picture's edge lies half of its width, or height, from its middle.
-        along = example["crops"][rows, columns, 4 + side % 2]
+        along = example["crops"][inside == 255, 4 + side % 2]
         half = 0.5 if side % 2 == 0 else 0.5 * 360 / 640
         last = float(along.min() if side < 2 else along.max())
         assert (last - 128) / 127 == pytest.approx(-half if side < 2 else half, abs=0.02)
     assert drawn == {0, 1, 2, 3}
 
 
-def test_what_the_coarse_net_suspects_becomes_a_hard_example(dataset, tmp_path):
-    row = datasets.read(dataset).rows[0]
-    box = (200, 100, 300, 160)
-    frames = [frame_of(row, box, tmp_path / "a.png")]
-    suspect = np.array([400.0, 200.0, 500.0, 300.0])
-    crops = pose.crops(tmp_path / "crops", frames, [[np.array(box, float), suspect]], seed=0)
-    grab, other = crops.patches[0]
-    assert labels.box(frames[0].row) is not None
-    np.testing.assert_allclose(grab.to_picture([0.5, 0.5]), [250, 130], atol=1)
-    np.testing.assert_allclose(other.to_picture([0.5, 0.5]), [450, 250], atol=1)
-
-
-def test_no_hard_example_is_of_the_grab(dataset, tmp_path):
-    row, box = datasets.read(dataset).rows[0], (200, 100, 300, 160)
-    frames = [frame_of(row, box, tmp_path / "a.png")] * 8
-    grab = [np.array(one, float) for one in (box, (0, 0, 500, 330), (240, 120, 260, 140), (120, 60, 220, 160))]
+def test_what_the_coarse_net_suspects_becomes_a_hard_example_unless_it_is_the_grab(cropped):
+    grab = [np.array(one, float) for one in (BOX, (0, 0, 500, 330), (240, 120, 260, 140), (120, 60, 220, 160))]
     beside, far = np.array([300.0, 80, 400, 180]), np.array([400.0, 200, 500, 300])
-    crops = pose.crops(tmp_path / "crops", frames, [[*grab, beside, far] for _ in frames], seed=0)
-    middles = [tuple(other.to_picture([0.5, 0.5]).round()) for _, other in crops.patches]
-    assert set(middles) == {(350, 130), (450, 250)}  # and not of all frames the same
-    anywhere = pose.crops(tmp_path / "more", frames, [grab for _ in frames], seed=0)
-    for _, other in anywhere.patches:
+    patches = cropped(*[BOX] * 8, suspects=[*grab, beside, far]).patches
+    shown, others = ({tuple(pair[slot].to_picture([0.5, 0.5]).round()) for pair in patches} for slot in (0, 1))
+    assert shown == {(250, 130)}
+    assert others == {(350, 130), (450, 250)}  # and not of all frames the same
+    for _, other in cropped(*[BOX] * 8, suspects=grab).patches:
         half = other.size / pose.ROOM / 2
         middle = other.to_picture([0.5, 0.5])
-        assert pose.apart(np.concatenate([middle - half, middle + half]), np.array(box, float))
-    full = [frame_of(row, (0, 0, 640, 360), tmp_path / "b.png")]
-    ((_, other),) = pose.crops(tmp_path / "full", full, [[]], seed=0).patches
+        assert pose.apart(np.concatenate([middle - half, middle + half]), np.array(BOX, float))
+    ((_, other),) = cropped((0, 0, 640, 360)).patches
     np.testing.assert_array_less([640, 360], other.to_picture([0.5, 0.5]))
 
 
@@ -319,13 +318,6 @@ def test_positions_lie_in_the_middle_of_cells():
 
 
 # The nets --------------------------------------------------------------------------------------------------------
-
-
-def test_nets_give_the_shapes_they_state():
-    heat, reach = nets.Coarse()(torch.zeros(2, 224, 384, 3, dtype=torch.uint8))
-    assert heat.shape == (2, 28, 48)
-    assert reach.shape == (2, 4, 28, 48)
-    assert nets.Pose()(torch.zeros(2, POSE_SIZE, POSE_SIZE, 6, dtype=torch.uint8)).shape == (2, nets.COLUMNS)
 
 
 def test_the_trunk_is_the_pretrained_network():
@@ -425,74 +417,60 @@ def test_frames_leave_slivers_out(dataset):
     assert [frame.labelled for frame in cache.frames([some], row.split)] == [True, False]
 
 
-def test_stated_deviations_are_scaled_to_hold_95_percent(dataset, tmp_path):
+LOOKS = SimpleNamespace(settings=Settings())
+
+
+@pytest.fixture
+def detected(dataset):
+    """Makes a frame, with a grab or without, in which one is found where it is but for an error."""
     row = datasets.read(dataset).rows[0]
-    frame = cache.TrainingFrame(row, tmp_path, True, "")
-    rng = np.random.default_rng(0)
-    seen = [
-        evaluate.DetectedFrame(
-            frame,
-            Detection(
-                "found", "", 1.0, labels.box(row) + rng.normal(0, 2.0, 4), labels.centre(row) + rng.normal(0, 0.5, 2),
-                (labels.yaw(row) + rng.normal(0, 0.03)) % np.pi, np.ones(4), np.ones(2), 0.01,
-            ),
-        )
-        for _ in range(2000)
-    ]  # fmt: skip
-    looks = SimpleNamespace(settings=Settings())
-    found = evaluate.calibrated(looks, seen)[0]["calibration"]
+
+    def make(there=True, score=1.0, logits=(0, 0), off=(0,) * 7):
+        off = np.array(off)
+        box, centre = labels.box(row) + off[:4], labels.centre(row) + off[4:6]
+        yaw = (labels.yaw(row) + off[6]) % np.pi
+        found = Detection("found", "", score, box, centre, yaw, np.ones(4), np.ones(2), 0.01)
+        return evaluate.DetectedFrame(cache.TrainingFrame(row, row.file, there), found, np.array(logits))
+
+    return make
+
+
+def test_stated_deviations_are_scaled_to_hold_95_percent(detected):
+    errors = np.random.default_rng(0).normal(0, [2.0] * 4 + [0.5] * 2 + [0.03], (2000, 7))
+    seen = [detected(off=off) for off in errors]
+    found = evaluate.calibrated(LOOKS, seen)[0]["calibration"]
     assert (found["box"], found["centre"], found["yaw"]) == pytest.approx((2.0, 0.5, 3.0), rel=0.08)
-    assert evaluate.calibrated(looks, seen[:3])[0]["calibration"]["centre"] == 1.0
+    assert evaluate.calibrated(LOOKS, seen[:3])[0]["calibration"]["centre"] == 1.0
 
 
-def test_presences_become_probabilities(dataset, tmp_path):
-    row, rng = datasets.read(dataset).rows[0], np.random.default_rng(0)
-    box = np.array(labels.box(row), float)
+def test_presences_become_probabilities(detected):
+    rng, true = np.random.default_rng(0), Calibration(slope=0.5, heat=0.25, offset=1.0)
     logits = rng.uniform(-8, 8, (6000, 2))
-    true = Calibration(slope=0.5, heat=0.25, offset=1.0)
-    seen = [
-        evaluate.DetectedFrame(
-            cache.TrainingFrame(row, tmp_path, bool(there), ""), Detection("found", "", 1.0, box), some
-        )
-        for some, there in zip(logits, rng.random(6000) < [true.presence(some) for some in logits], strict=True)
-    ]
+    there = rng.random(6000) < [true.presence(some) for some in logits]
+    seen = [detected(bool(yes), logits=some) for some, yes in zip(logits, there, strict=True)]
     fitted = evaluate.regression(seen)
     assert (fitted.slope, fitted.heat, fitted.offset) == pytest.approx((0.5, 0.25, 1.0), abs=0.08)
     assert evaluate.recalibrated(seen[:1], true)[0].detection.score == pytest.approx(expit(logits[0] @ [0.5, 0.25] + 1))
     assert evaluate.regression(seen[:20]) is None  # too few
-    looks = SimpleNamespace(settings=Settings(), calibration=Calibration(slope=0.7, heat=0.3, offset=-0.4))
-    found = evaluate.calibrated(looks, seen[:20], before=looks)[0]["calibration"]
+    first = SimpleNamespace(settings=Settings(), calibration=Calibration(slope=0.7, heat=0.3, offset=-0.4))
+    found = evaluate.calibrated(LOOKS, seen[:20], before=first)[0]["calibration"]
     assert (found["slope"], found["heat"], found["offset"]) == (0.7, 0.3, -0.4)
 
 
-def test_a_threshold_falls_only_if_enough_frames_show_no_grab(dataset, tmp_path):
-    row = datasets.read(dataset).rows[0]
-    box = np.array(labels.box(row), float)
-    found = Detection("found", "", 0.6, box, labels.centre(row), 0.0, np.ones(4), np.ones(2), 0.1)
-    grab = evaluate.DetectedFrame(cache.TrainingFrame(row, tmp_path, True, ""), found, np.array([logit(0.6), 0]))
-    nothing = evaluate.DetectedFrame(
-        cache.TrainingFrame(row, tmp_path, False, ""), Detection("none", "nothing found", 0.0)
-    )
-    looks = SimpleNamespace(settings=Settings())
-    for empty, before, kept in ((49, 0.85, True), (50, 0.85, False), (49, 0.0, False), (5, 0.2, False)):
+def test_a_threshold_falls_only_if_enough_frames_show_no_grab(detected):
+    grab, empty = detected(score=0.6, logits=(logit(0.6), 0)), detected(there=False)
+    empty = dataclasses.replace(empty, detection=Detection("none", "nothing found", 0.0))
+    for count, before, kept in ((49, 0.85, True), (50, 0.85, False), (49, 0.0, False), (5, 0.2, False)):
         first = SimpleNamespace(settings=Settings(least_presence=before), calibration=Calibration())
-        facts, figures = evaluate.calibrated(looks, [grab] + [nothing] * empty, before=first)
+        facts, figures = evaluate.calibrated(LOOKS, [grab] + [empty] * count, before=first)
         presence = facts["settings"]["least_presence"]
         assert presence == before if kept else 0.2 < presence < 0.6
         assert figures["recall"] == (0 if kept else 1)
 
 
-def test_the_least_presence_lies_where_it_errs_least(dataset, tmp_path):
-    row = datasets.read(dataset).rows[0]
-
-    def seen(score, there):
-        return evaluate.DetectedFrame(
-            cache.TrainingFrame(row, tmp_path, there, ""),
-            Detection("found", "", score, np.array(labels.box(row), float)),
-        )
-
-    grabs = [seen(p, True) for p in (0.12, 0.7, 0.95, *[0.96] * 10, 0.99)]
-    empty = [seen(p, False) for p in (0.02, 0.2, 0.3, 0.97)]
+def test_the_least_presence_lies_where_it_errs_least(detected):
+    grabs = [detected(True, p) for p in (0.12, 0.7, 0.95, *[0.96] * 10, 0.99)]
+    empty = [detected(False, p) for p in (0.02, 0.2, 0.3, 0.97)]
     assert logit(evaluate.least_presence(grabs + empty)) == pytest.approx(0.1 * logit(0.3) + 0.9 * logit(0.7))
     assert evaluate.least_presence(grabs) < 0.12
     assert evaluate.least_presence(empty) == 0.9

@@ -16,6 +16,7 @@ from simgrab.training import loop  # noqa: E402
 from simgrab.training.recipe import TrainingRecipe  # noqa: E402
 
 RECIPE = TrainingRecipe(epochs=6, batch=16, rate=3e-2, average=0.9, threads=1)
+ONE = dataclasses.replace(RECIPE, epochs=1)
 
 
 class Line:
@@ -46,15 +47,21 @@ def build():
     )
 
 
+def train(out, recipe=RECIPE, task=None, net=build, **options):
+    out.mkdir(exist_ok=True)
+    return loop.train(net, task or Line(), recipe, out, **options)
+
+
 def weights(trained):
     return torch.cat([value.flatten().double() for value in trained.net.state_dict().values()])
 
 
 def test_it_learns(tmp_path):
-    trained = loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=40), tmp_path)
-    assert trained.history[0]["score"] < -0.5
-    assert trained.figures["score"] > -0.1
-    assert trained.figures["score"] == max(h["score"] for h in trained.history)
+    scores = []
+    keep = lambda now: scores.extend([now.figures["score"]] if now.figures else ())  # noqa: E731
+    trained = train(tmp_path, dataclasses.replace(RECIPE, epochs=40), report=keep)
+    assert scores[0] < -0.5
+    assert trained.figures["score"] == max(scores) > -0.1
     assert not trained.net.training
     assert Line().validate(trained.net)["score"] == trained.figures["score"]  # the best epoch's weights came back
 
@@ -75,18 +82,15 @@ class Sum(torch.nn.Module):
 
 def test_a_part_learns_at_its_share_of_the_rate(tmp_path):
     recipe = dataclasses.replace(RECIPE, weight_decay=0.0)
-    net = loop.train(Sum, Line(), recipe, tmp_path).net
+    net = train(tmp_path, recipe, net=Sum).net
     assert float(net.fast.weight.abs()) > 0.1
     for fast, slow in zip(net.fast.parameters(), net.slow.parameters(), strict=True):
         np.testing.assert_allclose(slow.detach(), 0.25 * fast.detach(), rtol=1e-4)
 
 
 def test_the_same_seed_gives_the_same_weights(tmp_path):
-    a, b, c = (
-        weights(loop.train(build, Line(), dataclasses.replace(RECIPE, seed=seed), tmp_path / name))
-        for seed, name in ((0, "a"), (0, "b"), (1, "c"))
-        if not (tmp_path / name).mkdir()
-    )
+    seeds = {"a": 0, "b": 0, "c": 1}
+    a, b, c = (weights(train(tmp_path / key, dataclasses.replace(RECIPE, seed=seed))) for key, seed in seeds.items())
     assert torch.equal(a, b)
     assert not torch.equal(a, c)
 
@@ -104,8 +108,7 @@ def test_a_process_makes_the_same_batches(tmp_path):
     cv2.GaussianBlur(np.zeros((2000, 2000, 3), np.uint8), (0, 0), 5)  # starts OpenCV's threads
     threads, made_by, found = cv2.getNumThreads(), set(), []
     for loaders in (0, 1):
-        (out := tmp_path / str(loaders)).mkdir()
-        found.append(weights(loop.train(build, Where(), RECIPE, out, loaders=loaders)))
+        found.append(weights(train(tmp_path / str(loaders), task=Where(), loaders=loaders)))
         assert (os.getpid() in made_by) == (loaders == 0)
         made_by.clear()
     assert torch.equal(*found)
@@ -114,30 +117,24 @@ def test_a_process_makes_the_same_batches(tmp_path):
 
 def test_an_epoch_sees_every_example_at_most_once(tmp_path):
     task = Line()
-    loop.train(build, task, dataclasses.replace(RECIPE, epochs=2), tmp_path)
+    train(tmp_path, dataclasses.replace(RECIPE, epochs=2), task)
     first, second = np.concatenate(task.seen[:4]), np.concatenate(task.seen[4:])
     assert len(set(first)) == len(first) == 64
     assert list(first) != list(second)
-
-
-class KilledError(Exception):
-    pass
 
 
 @pytest.mark.parametrize("at", [(1, 3), (3, 4), (5, 1)])
 def test_a_killed_training_resumes_to_the_same_weights(tmp_path, at):
     def kill(report):
         if (report.epoch, report.step) == at and not report.figures:
-            raise KilledError
+            raise KeyboardInterrupt
 
-    (tmp_path / "whole").mkdir()
-    (tmp_path / "killed").mkdir()
-    whole = loop.train(build, Line(), RECIPE, tmp_path / "whole")
-    with pytest.raises(KilledError):
-        loop.train(build, Line(), RECIPE, tmp_path / "killed", report=kill)
-    again = loop.train(build, Line(), RECIPE, tmp_path / "killed", resume=True)
+    whole = train(tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        train(tmp_path / "killed", report=kill)
+    again = train(tmp_path / "killed", resume=True)
     assert torch.equal(weights(whole), weights(again))
-    assert again.history == whole.history
+    assert again.figures == whole.figures
 
 
 def test_it_stops_early_when_nothing_gets_better(tmp_path):
@@ -145,25 +142,21 @@ def test_it_stops_early_when_nothing_gets_better(tmp_path):
         def validate(self, _net):
             return {"score": 1.0}
 
-    trained = loop.train(build, Stuck(), dataclasses.replace(RECIPE, patience=2), tmp_path)
+    trained = train(tmp_path, dataclasses.replace(RECIPE, patience=2), Stuck())
     assert (trained.epoch, trained.epochs) == (1, 3)
 
 
 def test_another_trainings_checkpoint_is_refused(tmp_path, monkeypatch):
-    loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path, data="one")
-    with pytest.raises(TrainingError, match="epochs 1 became 6"):
-        loop.train(build, Line(), RECIPE, tmp_path, data="one", resume=True)
-    with pytest.raises(TrainingError, match="data 'one' became 'two'"):
-        loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path, data="two", resume=True)
-    one = dataclasses.replace(RECIPE, epochs=1)
-    with pytest.raises(TrainingError, match="holds another network"):
-        loop.train(lambda: torch.nn.Linear(1, 1), Line(), one, tmp_path, data="one", resume=True)
+    train(tmp_path, ONE, data="one")
+    for change, problem in (
+        ({"recipe": RECIPE}, "epochs 1 became 6"), ({"data": "two"}, "data 'one' became 'two'"),
+        ({"net": lambda: torch.nn.Linear(1, 1)}, "holds another network"),
+    ):  # fmt: skip
+        with pytest.raises(TrainingError, match=problem):
+            train(tmp_path, **{"recipe": ONE, "data": "one", "resume": True} | change)
     monkeypatch.setattr(loop, "__version__", "99")
     with pytest.raises(TrainingError, match=r"simgrab '.+' became '99'"):
-        loop.train(build, Line(), one, tmp_path, data="one", resume=True)
-    (tmp_path / "checkpoint.pt").write_bytes(b"torn")
-    with pytest.raises(TrainingError, match="not a simgrab checkpoint"):
-        loop.train(build, Line(), RECIPE, tmp_path, resume=True)
+        train(tmp_path, ONE, data="one", resume=True)
 
 
 class Harm:
@@ -188,7 +181,7 @@ def repacked(path, change):
 def test_nothing_in_a_checkpoint_is_executed(tmp_path):
     harm = Harm(tmp_path / "harmed")
     path = tmp_path / "checkpoint.pt"
-    loop.train(build, Line(), dataclasses.replace(RECIPE, epochs=1), tmp_path)
+    train(tmp_path, ONE)
     sound = path.read_bytes()
     writers = {
         "torch": lambda: torch.save({"identity": harm}, path),
@@ -202,7 +195,7 @@ def test_nothing_in_a_checkpoint_is_executed(tmp_path):
     for name, write in writers.items():
         write()
         with pytest.raises(TrainingError, match="not a simgrab checkpoint") as refused:
-            loop.train(build, Line(), RECIPE, tmp_path, resume=True)
+            train(tmp_path, resume=True)
         assert "\n" not in str(refused.value)
         assert not harm.path.exists(), name
     pickle.loads(pickle.dumps(harm))
@@ -211,22 +204,21 @@ def test_nothing_in_a_checkpoint_is_executed(tmp_path):
 
 def test_damaged_checkpoints_are_refused_in_one_line(tmp_path):
     path = tmp_path / "checkpoint.pt"
-    one = dataclasses.replace(RECIPE, epochs=1)
-    loop.train(build, Line(), one, tmp_path)
+    train(tmp_path, ONE)
     sound = path.read_bytes()
     state = torch.load(path, weights_only=True)
     for size in (0, 4, 1000, len(sound) // 2, len(sound) - 1):
         path.write_bytes(sound[:size])
         with pytest.raises(TrainingError, match="not a simgrab checkpoint"):
-            loop.train(build, Line(), one, tmp_path, resume=True)
+            train(tmp_path, ONE, resume=True)
     path.write_bytes(sound)
     repacked(path, lambda _, content: (content, zipfile.ZIP_DEFLATED))  # 1 MB may be 1 GB
     with pytest.raises(TrainingError, match="not a simgrab checkpoint"):
-        loop.train(build, Line(), one, tmp_path, resume=True)
+        train(tmp_path, ONE, resume=True)
     for foreign in ([1, 2], torch.zeros(3), {"a": 1}, {"identity": "abc"}, {"identity": {1: 2, "x" * 10**5: 3}}):
         torch.save(foreign, path)
         with pytest.raises(TrainingError) as refused:
-            loop.train(build, Line(), one, tmp_path, resume=True)
+            train(tmp_path, ONE, resume=True)
         assert len(str(refused.value)) < 1000
     torn = state["optimiser"] | {"state": {0: {"exp_avg": torch.zeros(7), "step": torch.zeros(())}}}
     hostile = {
@@ -236,13 +228,13 @@ def test_damaged_checkpoints_are_refused_in_one_line(tmp_path):
     for changed in (*({key: value} for key, value in hostile.items()), {"optimiser": torn}, {"history": []}):
         torch.save(state | changed, path)
         with pytest.raises(TrainingError, match="is damaged"):
-            loop.train(build, Line(), one, tmp_path, resume=True)
+            train(tmp_path, ONE, resume=True)
     for key in hostile:
         torch.save({name: value for name, value in state.items() if name != key}, path)
         with pytest.raises(TrainingError, match="is damaged"):
-            loop.train(build, Line(), one, tmp_path, resume=True)
+            train(tmp_path, ONE, resume=True)
     path.write_bytes(sound)
-    loop.train(build, Line(), one, tmp_path, resume=True)
+    train(tmp_path, ONE, resume=True)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +246,7 @@ def test_out_of_memory_is_one_line(tmp_path, problem):
             raise problem
 
     with pytest.raises(TrainingError, match="out of memory with batches of 16"):
-        loop.train(build, Greedy(), RECIPE, tmp_path)
+        train(tmp_path, task=Greedy())
 
 
 def test_what_cannot_be_trained_is_refused(tmp_path):
@@ -266,11 +258,11 @@ def test_what_cannot_be_trained_is_refused(tmp_path):
             return super().loss(net, batch) * float("nan")
 
     with pytest.raises(TrainingError, match="no training examples"):
-        loop.train(build, Nothing(), RECIPE, tmp_path)
+        train(tmp_path, task=Nothing())
     with pytest.raises(TrainingError, match="loss of step 0 is nan"):
-        loop.train(build, Wild(), RECIPE, tmp_path)
+        train(tmp_path, task=Wild())
     with pytest.raises(TrainingError, match="device 'abacus'"):
-        loop.train(build, Line(), dataclasses.replace(RECIPE, device="abacus"), tmp_path)
+        train(tmp_path, dataclasses.replace(RECIPE, device="abacus"))
     with pytest.raises(TrainingError, match="epochs"):
         TrainingRecipe(epochs=0)
 

@@ -5,7 +5,7 @@ import shutil
 import msgspec
 import numpy as np
 import pytest
-from conftest import altered
+from conftest import altered, small_scene
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
@@ -20,7 +20,7 @@ from simgrab.errors import DatasetError, TrainingError  # noqa: E402
 from simgrab.instrument.read import Reader  # noqa: E402
 from simgrab.instrument.read.crops import around, crops, cut  # noqa: E402
 from simgrab.instrument.read.reader import NO_DIGIT  # noqa: E402
-from simgrab.model import layouts, scenes  # noqa: E402
+from simgrab.model import layouts  # noqa: E402
 from simgrab.model.truth import Row  # noqa: E402
 from simgrab.training.reader import augment, cells, task  # noqa: E402
 from simgrab.training.reader.lenet import LeNet5  # noqa: E402
@@ -37,16 +37,14 @@ def dataset(tmp_path_factory):
         "hoist_px": [[200 + 24 * k, 20] for k in range(4)], "clock": {"x_px": 8, "y_px": 240, "size_px": 16},
     }  # fmt: skip
     values = [layout | {"closing_px": [[x + 24 * k, 80] for k in range(4)]} for x in (40, 300)]
-    change = {
-        "camera.width_px": 480, "camera.height_px": 270, "camera.focal": {"model": "pixels", "focal_length_px": 411.2},
-        "place": {"model": "plain"}, "image.samples": 0, "image.shadow_map_px": 0, "frames": 24,
-        "swing.rope_length_m": {"dist": "uniform", "low": 8.0, "high": 17.0},
-        "clip.clip_frames": 12, "seed": 5,
-        "vary": {"display": {"dist": "one-of", "names": ["a", "b"],
-                             "values": [{"layout": layout, "constant_m": 7.6} for layout in values]}},
-    }  # fmt: skip
+    displays = [{"layout": layout, "constant_m": 7.6} for layout in values]
+    scene = small_scene(
+        seed=5, frames=24, clip__clip_frames=12, image__shadow_map_px=0,
+        swing__rope_length_m={"dist": "uniform", "low": 8.0, "high": 17.0},
+        vary={"display": {"dist": "one-of", "names": ["a", "b"], "values": displays}},
+    )  # fmt: skip
     path = tmp_path_factory.mktemp("train") / "digits"
-    render(scenes.load("quay-day", change), path)
+    render(scene, path)
     # Twenty frames to learn from and four to validate, whatever was drawn.
     altered(path, "split", lambda splits: ["val" if k % 6 == 5 else "train" for k in range(len(splits))])
     return path
@@ -144,18 +142,14 @@ def test_the_threshold_refuses_one_in_ten_thousand():
     assert task.threshold(probabilities, digits) == task.LEAST_THRESHOLD
 
 
-class KilledError(Exception):
-    pass
-
-
 def test_a_killed_training_ends_in_the_same_bytes(dataset, tmp_path):
     whole = train_reader([dataset], tmp_path / "whole", FAST)
 
     def kill(report):
         if report.epoch == 2 and report.step > 2:
-            raise KilledError
+            raise KeyboardInterrupt
 
-    with pytest.raises(KilledError):
+    with pytest.raises(KeyboardInterrupt):
         train_reader([dataset], tmp_path / "killed", FAST, report=kill)
     resumed = train_reader([dataset], tmp_path / "killed", FAST, resume=True)
     assert (tmp_path / "killed/reader.onnx").read_bytes() == (tmp_path / "whole/reader.onnx").read_bytes()

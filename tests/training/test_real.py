@@ -7,8 +7,6 @@ import shutil
 
 import cv2
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
@@ -29,19 +27,6 @@ from simgrab.training.detector.train import NETS, train  # noqa: E402
 
 # Frames of the real dataset by video, and the split that it names for each; "empty" shows no grab.
 VIDEOS = {"a": ("train", 2), "b": ("train", 2), "empty": ("train", 1), "c": ("val", 1), "d": ("test", 1)}
-
-
-@pytest.fixture(scope="module")
-def halves(dataset, tmp_path_factory):
-    """The small dataset, three frames to learn from and two to judge by."""
-    path = tmp_path_factory.mktemp("rendered") / "data"
-    shutil.copytree(dataset, path)
-    table = pq.read_table(path / "labels.parquet")
-    rows = table.to_pylist()[:5]
-    for row in rows:
-        row["split"] = "train" if row["frame"] < 3 else "val"
-    pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), path / "labels.parquet")
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -164,20 +149,16 @@ def test_figures_of_rendered_and_real_frames_stand_apart(halves, videos, tmp_pat
         assert (figures["real"]["frames"], figures["real"]["videos"]) == (1, 1)
         assert figures["real_by_video"] == {"d": figures["real_by_video"]["d"]}
         assert card["real"]["times"] == 1
-    assert json.loads((out / "coarse.json").read_text())["examples"] == 3 + 5
+    assert json.loads((out / "coarse.json").read_text())["examples"] == 4 + 5
     assert "\n| real | value |" in (out / "coarse.md").read_text()
     scores = score_detector.measure((videos, halves), str(out), None)
     score_detector.show(scores)
-    assert (scores["overall"]["frames"], scores["real"]["frames"]) == (5, 7)
+    assert (scores["overall"]["frames"], scores["real"]["frames"]) == (6, 7)
     kept = score_detector.measure((videos,), str(out), "test")
     score_detector.show(kept)
     assert "overall" not in kept
     held = json.loads((out / "coarse.json").read_text())["metrics"]["real"]
     assert json.loads(json.dumps({key: kept["real"][key] for key in held})) == held
-
-
-class KilledError(Exception):
-    pass
 
 
 def test_a_learning_curve_is_resumed_point_by_point(halves, known, tmp_path, monkeypatch):
@@ -186,14 +167,14 @@ def test_a_learning_curve_is_resumed_point_by_point(halves, known, tmp_path, mon
     def fake(_paths, folder, _recipes, *, real, **_):
         trained.append(len(real.train))
         if len(real.train) == kill:
-            raise KilledError
+            raise KeyboardInterrupt
         (folder / "cache").mkdir(parents=True)
         held = score([frame.row for frame in real.held_out], [Detection("none", "", 0.0) for _ in real.held_out])
         return {"recall": 0.5, "mean_iou": 0.4, "centre_median_px": None, "real": held}
 
     monkeypatch.setattr(curve, "train", fake)
     kill = 4
-    with pytest.raises(KilledError):
+    with pytest.raises(KeyboardInterrupt):
         curve.learning_curve([halves], tmp_path / "out", tiny, known, (0, 2, 4))
     assert not (tmp_path / "out" / curve.JSON).exists()
     kill = None
@@ -238,6 +219,7 @@ def test_a_learning_curve_begins_each_point_with_the_same_weights(halves, videos
         (["--also", "x", "--learning-curve", "10,0"], "must increase"),
         (["--also", "x", "--learning-curve", "a"], "numbers of frames are needed"),
         (["--grab-class", "grab"], "--grab-class belongs to --also and --real"),
+        (["--also", "x", "--learning-curve", "0,10", "--seed", "-1"], "-1 is not in the range"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(halves, tmp_path, arguments, problem):

@@ -19,6 +19,7 @@ from starlette.responses import Response
 
 from simgrab.errors import SimgrabError
 from simgrab.pages.browse import pictures
+from simgrab.pages.browse.columns import Column
 from simgrab.pages.browse.exporting import FORMATS, Exports
 from simgrab.pages.browse.subject import Subject, overlay
 from simgrab.pages.outlines import outline
@@ -31,6 +32,7 @@ MOST_OVERLAYS = 200
 MOST_SEARCHED = 200  # characters of a text
 _KEPT = {"cache-control": "private, max-age=3600"}  # by the browser: its address names the session
 _MOST_DIGITS = 9
+_AT_ONCE = 4  # pictures and masks that are decoded: one may be large
 
 
 class Wanted(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -51,17 +53,11 @@ class Wanted(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Browser:
-    """Answers the page's requests about a subject.
-
-    Parameters
-    ----------
-    subject : Subject
-    """
+    """Answers the page's requests about a subject."""
 
     def __init__(self, subject: Subject) -> None:
         self.subject, self.exports = subject, Exports(subject)
-        self._tiles = pictures.Tiles(subject.content)
-        self._session, self._tracing = secrets.token_hex(4), threading.BoundedSemaphore(2)
+        self._session, self._turn = secrets.token_hex(4), threading.BoundedSemaphore(_AT_ONCE)
         self._masks = threading.Lock()  # so that their file is searched once
 
     @property
@@ -86,26 +82,31 @@ class Browser:
         return json({
             "name": printable(s.name), "kind": s.kind, "rows": len(s), "notes": [printable(note) for note in s.notes],
             "columns": [column.about() for column in s.columns], "session": self._session,
-            "order": {"column": s.order.column, "descending": s.order.descending},
-            "shown": [name for name in s.shown if name in names], "has_truth": s.labels is not None,
+            "order": s.order, "shown": [name for name in s.shown if name in names],
             "formats": FORMATS if s.dataset is not None else (),
         })  # fmt: skip
 
     def column(self, request: Request) -> Response:
         """Give a column's numbers or codes."""
-        column = self.subject.columns[_number(request.path_params["column"], len(self.subject.columns))]
+        column = self._column(request)
         if column.kind == "list":
             raise HTTPException(404)
         return Response(column.content(), media_type="application/octet-stream")
 
     def matches(self, request: Request) -> Response:
         """Give a bit for each row: whether its text contains another."""
-        column = self.subject.columns[_number(request.path_params["column"], len(self.subject.columns))]
+        column = self._column(request)
         text = request.query_params.get("text", "")
         if column.kind != "text" or len(text) > MOST_SEARCHED:
             raise HTTPException(404)
         bits = np.packbits(column.matches(text), bitorder="little")
         return Response(bits.tobytes(), media_type="application/octet-stream")
+
+    def _column(self, request: Request) -> Column:
+        return self.subject.columns[_number(request.path_params["column"], len(self.subject.columns))]
+
+    def _row(self, request: Request) -> int:
+        return _number(request.path_params["row"], len(self.subject))
 
     def overlays(self, request: Request) -> Response:
         """Give what is drawn on some rows' pictures."""
@@ -125,27 +126,27 @@ class Browser:
                 known, coded = self.subject.row(row), self.subject.mask(row)
             if known is None or coded is None:
                 return None
-            with self._tracing:
+            with self._turn:
                 return outline(coded.decoded(known, f"row {row}"), width_px)
         except SimgrabError:
             return None
 
     def frame(self, request: Request) -> Response:
         """Give everything that is known of a row, in the order of the columns."""
-        row = _number(request.path_params["row"], len(self.subject))
-        plain = self.subject.values(row)
-        shown = (plain[column.name] for column in self.subject.columns)
+        row = self._row(request)
+        shown = self.subject.values(row).values()
         values = [printable(value) if isinstance(value, str) else value for value in shown]
         return json({"overlay": self._overlay(row, masks=True, width_px=1920), "values": values})
 
     def tile(self, request: Request) -> Response:
         """Give a row's picture, small."""
-        row = _number(request.path_params["row"], len(self.subject))
-        return Response(self._tiles.tile(row), media_type="image/jpeg", headers=_KEPT)
+        row = self._row(request)
+        with self._turn:
+            return Response(pictures.tile(self.subject.content(row), f"row {row}"), 200, _KEPT, "image/jpeg")
 
     def picture(self, request: Request) -> Response:
         """Give a row's picture."""
-        row = _number(request.path_params["row"], len(self.subject))
+        row = self._row(request)
         data, kind = pictures.shown(self.subject.content(row), f"row {row}")
         return Response(data, media_type=kind, headers=_KEPT)
 

@@ -14,11 +14,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from simgrab.text import printable
+from simgrab.text import encodable, printable
 
 MOST_LEVELS = 200
 """Of a column of texts that is shown as categories, with a bar for each; one with more is searched."""
 
+_MOST_DIGITS = 16  # of whole numbers, which floats hold
 _FEW = 8  # levels that are shown even of few rows; else each needs two rows on average
 
 Kind = Literal["number", "category", "text", "list"]
@@ -49,24 +50,17 @@ class Column:
     span: tuple[float, float] | None = None
 
     @property
-    def numbers(self) -> NDArray[np.float64]:
-        """Numbers, shape (n,); NaN where there is none."""
-        return numbers(self.values)
-
-    @property
     def codes(self) -> NDArray[np.uint32]:
         """Shape (n,): of categories the index in ``levels``, of texts the rank among all of them, sorted."""
         coded = _coded(self.values)
-        texts = coded.dictionary.to_pylist()
-        order = {text: rank for rank, text in enumerate(sorted(texts))}
-        ranks = np.array([order[text] for text in texts] + [len(texts)], np.uint32)
-        indices = coded.indices.fill_null(len(texts)).to_numpy(zero_copy_only=False)
-        return ranks[indices]
+        count = len(coded.dictionary)
+        ranks = np.append(pc.rank(coded.dictionary).to_numpy() - 1, count).astype(np.uint32)
+        return ranks[coded.indices.fill_null(count).to_numpy(zero_copy_only=False)]
 
     def content(self) -> bytes:
         """Give the column as bytes, little-endian: float64 of numbers, uint32 of categories and texts."""
         if self.kind == "number":
-            return self.numbers.astype("<f8").tobytes()
+            return numbers(self.values).astype("<f8").tobytes()
         return self.codes.astype("<u4").tobytes()
 
     def matches(self, text: str) -> NDArray[np.bool_]:
@@ -90,9 +84,7 @@ def column(name: str, values: pa.ChunkedArray, unit: str = "", description: str 
     if pa.types.is_list(values.type):
         return Column(name, unit, description, "list", values)
     if pa.types.is_boolean(values.type):
-        texts = np.array(["no", "yes"], object)[values.fill_null(False).to_numpy().astype(int)]
-        texts[values.is_null().to_numpy()] = None
-        values = pa.chunked_array([pa.array(texts, pa.string())])
+        values = pc.if_else(values, "yes", "no")
     if not pa.types.is_string(values.type):
         known = numbers(values)
         known = known[np.isfinite(known)]
@@ -133,7 +125,7 @@ def expanded(values: pa.ChunkedArray, prefix: str) -> list[tuple[str, pa.Chunked
         plain = all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in each)
         kind = pa.float64() if plain else pa.string()
         kept = pa.array(each if plain else [_text(value) for value in each], kind)
-        found.append((f"{prefix}{key}", pa.chunked_array([kept.take(pa.array(indices))])))
+        found.append((f"{prefix}{encodable(key)}", pa.chunked_array([kept.take(pa.array(indices))])))
     return found
 
 
@@ -144,11 +136,17 @@ def _coded(values: pa.ChunkedArray) -> pa.DictionaryArray:
 
 def _object(text: str) -> dict[str, Any]:
     try:
-        data = json.loads(text) if text else {}
+        data = json.loads(text, parse_int=_whole) if text else {}
     except (ValueError, RecursionError):
         return {}
     return data if isinstance(data, dict) else {}
 
 
+def _whole(digits: str) -> float:
+    return int(digits) if len(digits) < _MOST_DIGITS else float(digits)
+
+
 def _text(value: Any) -> str | None:
-    return value if value is None or isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    if value is None:
+        return None
+    return encodable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))

@@ -11,8 +11,10 @@ import pyarrow as pa
 
 from simgrab.dataset import datasets
 from simgrab.dataset.datasets import MANIFEST, Dataset, FolderFiles, FolderRows
+from simgrab.dataset.record import MOST_RECORD_BYTES, FrameRecord
 from simgrab.dataset.tables import labels_schema, table_of
 from simgrab.errors import DatasetError, first_line
+from simgrab.io.journal import IDENTITY, PARTIAL, ROWS
 from simgrab.io.parse import is_dir, is_file, read_bytes, read_json
 from simgrab.io.stores import Store
 from simgrab.model.masks import Coded, Masks
@@ -22,11 +24,9 @@ from simgrab.model.truth import Row
 from simgrab.pages.browse import columns
 from simgrab.pages.browse.subject import Order, Subject
 
-PARTIAL = ".partial"
 VARIED = "varied."
 SHOWN = ("alpha_deg", "rope_length_m", "visible_fraction", "distance_m", "split", "labelled")
 _FACTORS = ("weather", "place", "grab")
-_MOST_RECORD_BYTES = 2**24
 
 
 def open(path: Path) -> Subject:
@@ -72,30 +72,23 @@ def read(path: Path) -> tuple[FolderRows, Dataset, tuple[str, ...]]:
     return labels, datasets.of_rows(Store(str(path)), known, digest, labels), notes
 
 
-class _Record(msgspec.Struct, frozen=True):
-    """What is stored of a finished frame of an unfinished dataset."""
-
-    truth: Row
-    mask: Coded
-
-
 def _unfinished(path: Path) -> Subject:
     """Read the frames that are finished; a record that is damaged is left out and counted."""
-    identity = read_json(path / PARTIAL / "identity.json", DatasetError)
+    identity = read_json(path / PARTIAL / IDENTITY, DatasetError)
     try:
         total, name = int(identity["frames"]), str(identity["scenario"]["name"])
         least = float(identity["scenario"]["labels"]["least_visible_fraction"])
-    except (LookupError, TypeError, ValueError) as problem:
+    except (LookupError, TypeError, ValueError, OverflowError) as problem:
         raise DatasetError(f"{path}: not an unfinished simgrab dataset ({first_line(problem)})") from None
     rows, masks, damaged = list[Row](), dict[int, Coded](), 0
-    for record in sorted((path / PARTIAL / "rows").glob("*.json")):
+    for record in sorted((path / PARTIAL / ROWS).glob("*.json")):
         try:
-            one = msgspec.json.decode(read_bytes(record, DatasetError, most_bytes=_MOST_RECORD_BYTES), type=_Record)
+            one = msgspec.json.decode(read_bytes(record, DatasetError, most_bytes=MOST_RECORD_BYTES), type=FrameRecord)
+            masks[one.truth.frame] = msgspec.convert(one.mask, Coded)
         except (ValueError, RecursionError, DatasetError):
             damaged += 1
         else:
             rows.append(one.truth)
-            masks[one.truth.frame] = one.mask
     if not rows:
         raise DatasetError(f"{path} is unfinished, and no frame of it is there; continue with simgrab render --resume")
     labels = FolderRows(table_of(rows), FolderFiles(path, lambda row: masks[row.frame]))
@@ -132,9 +125,9 @@ def with_derived(table: pa.Table, least: float) -> pa.Table:
     """Add what labels imply: whether a box is labelled, and each factor of what varied."""
     seen = np.isfinite(columns.numbers(table["box_x0_px"]))
     labelled = seen & (columns.numbers(table["visible_fraction"]) >= least)
-    table = table.append_column(_field("labelled", pa.bool_(), "whether detection labels hold a box"), [labelled])
+    table = table.append_column(field("labelled", pa.bool_(), "whether detection labels hold a box"), [labelled])
     for name, values in columns.expanded(table["varied"], VARIED):
-        table = table.append_column(_field(name, values.type, "what varied within the dataset"), values)
+        table = table.append_column(field(name, values.type, "what varied within the dataset"), values)
     return table
 
 
@@ -145,6 +138,7 @@ def factors(table: pa.Table, prefix: str = "") -> list[str]:
     return [name for factor in _FACTORS for name in named if factor in name.removeprefix(before).split("+")]
 
 
-def _field(name: str, kind: pa.DataType, text: str) -> pa.Field:
-    about: dict[str | bytes, Any] = {"unit": "", "description": text}
+def field(name: str, kind: pa.DataType, text: str, unit: str = "") -> pa.Field:
+    """Describe a column that labels do not have."""
+    about: dict[str | bytes, Any] = {"unit": unit, "description": text}
     return pa.field(name, kind, metadata=about)

@@ -1,11 +1,9 @@
-"""Small pictures for the page, made when they are first asked for; those used last are kept."""
+"""Pictures as the page shows them, and a store of those used last."""
 
 from __future__ import annotations
 
-import os
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -16,7 +14,6 @@ TILE_WIDTH_PX = 320
 MOST_KEPT_BYTES = 48 * 2**20
 _QUALITY = 82
 _LARGE_BYTES = 100_000
-_AT_ONCE = max(1, min(4, os.cpu_count() or 1))  # pictures that are decoded at the same time
 
 
 class LruCache:
@@ -47,42 +44,14 @@ class LruCache:
                 self.size_bytes -= len(self._kept.popitem(last=False)[1])
 
 
-class Tiles:
-    """JPEGs of `TILE_WIDTH_PX`.
-
-    Parameters
-    ----------
-    content : callable
-        Reads a row's picture file.
-    """
-
-    def __init__(self, content: Callable[[int], bytes]) -> None:
-        self._content, self._kept = content, LruCache()
-        self._turn = threading.BoundedSemaphore(_AT_ONCE)
-
-    def tile(self, row: int) -> bytes:
-        """Give a row's picture, small.
-
-        Raises
-        ------
-        SimgrabError
-            If it cannot be read.
-        """
-        found = self._kept.get(row)
-        if found is None:
-            found = self._made(row)
-            self._kept.put(row, found)
-        return found
-
-    def _made(self, row: int) -> bytes:
-        with self._turn:
-            data = self._content(row)
-            picture = pictures.decode(data, f"row {row}", half=len(data) > _LARGE_BYTES)
-            if picture.shape[1] > TILE_WIDTH_PX:
-                height = max(round(picture.shape[0] * TILE_WIDTH_PX / picture.shape[1]), 1)
-                small = cv2.resize(picture, (TILE_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
-                picture = np.asarray(small, np.uint8)
-            return pictures.encode(picture[..., ::-1], "jpeg", _QUALITY)
+def tile(data: bytes, name: str) -> bytes:
+    """Make a JPEG of at most `TILE_WIDTH_PX` of a picture file."""
+    picture = pictures.decode(data, name, half=len(data) > _LARGE_BYTES)
+    if picture.shape[1] > TILE_WIDTH_PX:
+        height = max(round(picture.shape[0] * TILE_WIDTH_PX / picture.shape[1]), 1)
+        small = cv2.resize(picture, (TILE_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+        picture = np.asarray(small, np.uint8)
+    return pictures.encode(picture[..., ::-1], "jpeg", _QUALITY)
 
 
 def shown(data: bytes, name: str) -> tuple[bytes, str]:

@@ -135,11 +135,10 @@ def _with_truth(table: pa.Table, labels: pa.Table, least: float) -> pa.Table:
     off = np.hypot(measured("u_px") - true("grab_u_px"), measured("v_px") - true("grab_v_px"))
     values = (np.abs(error), error, off, measured("rope_length_m") - true("rope_length_m"))
     for (name, (unit, text)), each in zip(ERRORS.items(), values, strict=True):
-        field = pa.field(name, pa.float64(), metadata={"unit": unit, "description": text})
-        table = table.append_column(field, pa.array(each, from_pandas=True))
+        table = table.append_column(dataset.field(name, pa.float64(), text, unit), pa.array(each, from_pandas=True))
     derived = dataset.with_derived(labels, least)
-    for field, each in zip(derived.schema, derived.columns, strict=True):
-        table = table.append_column(field.with_name(f"{PREFIX}{field.name}"), each)
+    for about, each in zip(derived.schema, derived.columns, strict=True):
+        table = table.append_column(about.with_name(f"{PREFIX}{about.name}"), each)
     return table
 
 

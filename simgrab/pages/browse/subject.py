@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from simgrab.dataset.datasets import Dataset, FolderRows
 from simgrab.dataset.overlay import marks
@@ -76,11 +74,6 @@ class Subject:
         """Columns of the table."""
         return columns.of(self.table)
 
-    @cached_property
-    def frames(self) -> NDArray[np.int64]:
-        """Number of each row's frame, shape (n,)."""
-        return np.asarray(self.table["frame"].to_numpy(), np.int64)
-
     def values(self, row: int) -> dict[str, Any]:
         """Everything that the table holds of a row, by column."""
         plain: dict[str, Any] = self.table.slice(row, 1).to_pylist()[0]
@@ -119,18 +112,10 @@ _MEASURED = {"box": ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), "centr
 
 
 def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | None = None) -> dict[str, Any]:
-    """Give what is drawn on a row's picture, in its px, as plain data.
-
-    Parameters
-    ----------
-    subject : Subject
-    row : int
-    outline : sequence of polygons u0, v0, u1, v1 …, optional
-        Of the mask.
-    """
+    """Give what is drawn on a row's picture, in its px, as plain data; the mask by its outline."""
     known = subject.row(row)
     width, height = (known.width_px, known.height_px) if known else subject.size_px or (16, 9)
-    drawn: dict[str, Any] = {"row": row, "frame": int(subject.frames[row]), "width": width, "height": height}
+    drawn: dict[str, Any] = {"row": row, "frame": subject.table["frame"][row].as_py(), "width": width, "height": height}
     if known is not None:
         drawn["truth"] = marks(known, outline)
     if subject.kind == "run":
@@ -138,21 +123,3 @@ def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | Non
         measured = {key: [plain[name] for name in names] for key, names in _MEASURED.items()}
         drawn["measured"] = {key: None if None in values else values for key, values in measured.items()}
     return drawn
-
-
-def part(subject: Subject, rows: NDArray[np.int64]) -> Dataset:
-    """Give the dataset of some rows, by frame.
-
-    Parameters
-    ----------
-    subject : Subject
-    rows : ndarray of int64, shape (k,)
-
-    Raises
-    ------
-    DatasetError
-        If these rows have no labels and pictures of a dataset.
-    """
-    if subject.dataset is None or subject.labels is None:
-        raise DatasetError(f"{subject.name}: only frames of a finished dataset can be exported")
-    return subject.dataset.with_rows(subject.labels.table.take(pa.array(rows)).sort_by("frame"))

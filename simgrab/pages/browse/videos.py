@@ -19,13 +19,7 @@ _QUALITY = 88
 
 
 class VideoPictures:
-    """Pictures of a video.
-
-    Parameters
-    ----------
-    path : Path
-    times_s : sequence of n float
-        Of each row.
+    """Pictures of a video, by the times of its rows, s.
 
     Raises
     ------

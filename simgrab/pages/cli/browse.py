@@ -22,9 +22,6 @@ def command(path: Path, source: Path | None, port: int, no_open: bool) -> None:
     with its largest errors first; of a run on a video, --source names the video. Nothing is written into PATH. Ctrl-C
     ends it.
     """
-    from simgrab.pages.server import local
-
-    local.check_installed()
     from simgrab.pages.browse import browse
 
     subject = browse.open(path, source)

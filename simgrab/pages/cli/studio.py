@@ -17,9 +17,6 @@ def command(scene: str, port: int, no_open: bool) -> None:
     SCENE is a bundled scene, a TOML file or a dataset's manifest.json. Every key has a control. Scenes are opened and
     saved in the folder that the command is started in, or below it. Ctrl-C ends it.
     """
-    from simgrab.pages.server import local
-
-    local.check_installed()
     from simgrab.pages.studio import studio
 
     documents = studio.open(scene)

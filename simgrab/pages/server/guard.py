@@ -54,15 +54,7 @@ class RefusedError(Exception):
 
 
 class Guard:
-    """An ASGI application that answers for another one, and lets through what may pass.
-
-    Parameters
-    ----------
-    app : ASGI application
-    port : int
-        On which it is served.
-    token : str
-    """
+    """An ASGI application that answers for another one, on its port, and lets through what may pass."""
 
     def __init__(self, app: ASGIApp, port: int, token: str) -> None:
         self._app, self._token = app, token

@@ -32,13 +32,7 @@ _SECONDS_TO_START, _SECONDS_TO_END = 30.0, 5.0
 
 @dataclass(frozen=True)
 class Address:
-    """Where a page is served.
-
-    Attributes
-    ----------
-    port : int
-    token : str
-    """
+    """Where a page is served."""
 
     port: int
     token: str
@@ -67,13 +61,7 @@ def check_installed() -> None:
 
 @contextlib.contextmanager
 def serving(app: ASGIApp, port: int = 0) -> Iterator[Address]:
-    """Serve an application until the context is left.
-
-    Parameters
-    ----------
-    app : ASGI application
-    port : int
-        0 takes one that is free.
+    """Serve an application until the context is left. Port 0 is one that is free.
 
     Raises
     ------

@@ -41,13 +41,10 @@ class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         Plain data, as JSON.
     side : str
         Which of the scenes beside each other it is.
-    frame : int
     small : bool
         Whether a small picture will do.
-    path : str
-        Where it is saved.
-    replace : bool
-        Whether a scene file there is replaced.
+    path, replace
+        Where it is saved, and whether a scene file there is replaced.
     """
 
     scene: msgspec.Raw
@@ -59,13 +56,7 @@ class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Studio:
-    """Answers the page's requests about scenes.
-
-    Parameters
-    ----------
-    documents : Documents
-    rendering : Rendering
-    """
+    """Answers the page's requests about scenes."""
 
     def __init__(self, documents: Documents, rendering: Rendering) -> None:
         self._documents, self._rendering = documents, rendering
@@ -105,9 +96,9 @@ class Studio:
         """Render a frame: four bytes with the length of a JSON text, big-endian, that text, and a picture file."""
         asked, scenario = await self._asked(request)
         wish = Wish(scenario, asked.frame, asked.small)
-        picture = await asyncio.wrap_future(self._rendering.picture(asked.side, wish))
-        about = msgspec.json.encode(picture.about | {"kind": picture.kind})
-        return Response(struct.pack(">I", len(about)) + about + picture.content, media_type="application/octet-stream")
+        about, content = await asyncio.wrap_future(self._rendering.picture(asked.side, wish))
+        text = msgspec.json.encode(about)
+        return Response(struct.pack(">I", len(text)) + text + content, media_type="application/octet-stream")
 
     async def measure(self, request: Request) -> Response:
         """Give what the instrument makes of a frame."""

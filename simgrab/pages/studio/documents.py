@@ -67,11 +67,8 @@ class Documents:
 
     def names(self) -> list[str]:
         """Name the scenes that `open` takes: those that are bundled, and scene files in the folder."""
-        try:
-            own = sorted(path.name for path in self.root.glob("*.toml") if self._holds_scene(path))[:MOST_LISTED]
-        except OSError:
-            own = []
-        return [*scenes.names(), *own]
+        own = sorted(path.name for path in self.root.glob("[!.]*.toml") if self._holds_scene(path))
+        return [*scenes.names(), *own[:MOST_LISTED]]
 
     def _holds_scene(self, path: Path) -> bool:
         """Whether a TOML file looks like a scene, by its tables: settings of other tools lie about too."""
@@ -117,13 +114,7 @@ class Documents:
         return model
 
     def toml(self, scenario: Scenario, folder: Path | None = None) -> str:
-        """Write a scene file, without what has its default, to lie in a folder.
-
-        Parameters
-        ----------
-        scenario : Scenario
-        folder : Path, optional
-            That of the scene at the start unless given.
+        """Write a scene file, without what has its default, to lie in a folder: unless given, the first scene's.
 
         Raises
         ------
@@ -144,10 +135,7 @@ class Documents:
         placed = {key: self._placed(inner, folder) for key, inner in value.items()}
         file = self._models.get((str(value.get("sha256")), str(value.get("file"))))
         if file is not None:
-            try:
-                placed["file"] = Path(os.path.relpath(file.parent.resolve() / file.name, folder)).as_posix()
-            except ValueError:  # on another drive of Windows
-                placed["file"] = str(file.resolve())
+            placed["file"] = os.path.relpath(file.parent.resolve() / file.name, folder)
         return placed
 
     def save(self, scenario: Scenario, name: str, *, replace: bool = False) -> Path:

@@ -24,6 +24,7 @@ from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, assemble
 from simgrab.io import pictures
 from simgrab.model.calibration import Calibration
 from simgrab.model.scenario import Iid, Scenario
+from simgrab.pages.studio.rendering import kept
 
 MOST_FRAMES = 60
 """Of a record."""
@@ -41,18 +42,13 @@ class Measuring:
     """Measures frames with the bundled instrument. It never sees a truth."""
 
     def __init__(self) -> None:
-        self._records: list[_Record] = []
+        self._records: list[tuple[Scenario, _Record]] = []
         self._turn = threading.Lock()
 
     def measure(self, scenario: Scenario, frame: int, rendered: Callable[[int], Future[bytes]]) -> dict[str, Any]:
         """Measure a frame; where that was done already, measure one more of its record.
 
-        Parameters
-        ----------
-        scenario : Scenario
-        frame : int
-        rendered : callable
-            Begins to render the picture file of a frame, at full size.
+        ``rendered`` begins to render the picture file of a frame, at full size.
 
         Returns
         -------
@@ -66,7 +62,8 @@ class Measuring:
             If a frame cannot be, or is none for the detector.
         """
         wanted = sorted({*record_of(scenario, frame), frame})
-        record = self._record(scenario)
+        with self._turn:
+            record = kept(self._records, scenario, lambda: _Record(scenario, calibration_of(scenario)), _KEPT)
         left = [number for number in (frame, *wanted) if number not in record.observations]
         if left:
             number, data, lost = left[0], b"", ""
@@ -84,13 +81,6 @@ class Measuring:
             concluded = self._instrument.conclude(seen, record.calibration)
         about = {"measured": len(numbers), "wanted": len(wanted)}
         return about | _described(concluded, numbers.index(frame))
-
-    def _record(self, scenario: Scenario) -> _Record:
-        with self._turn:
-            known = [one for one in self._records if one.scenario == scenario]
-            record = known[0] if known else _Record(scenario, calibration_of(scenario))
-            self._records = [record, *(one for one in self._records if one is not record)][:_KEPT]
-            return record
 
     @functools.cached_property
     def _instrument(self) -> Pipeline:
@@ -115,15 +105,10 @@ def _described(record: MeasuredRecord, index: int) -> dict[str, Any]:
     measured, tilt = record.measurements[index], record.tilt
     plain: dict[str, Any] = msgspec.to_builtins(measured)
     angles = {
-        f"{name}_deg": None if value is None else math.degrees(value)
-        for name, value in (
-            ("alpha", measured.alpha), ("alpha_low", measured.alpha_low), ("alpha_high", measured.alpha_high),
-        )
-    }  # fmt: skip
-    angles["beta_deg"] = None if tilt is None else tilt.beta_deg
-    return {name: plain[name] for name in _SHOWN} | angles
+        f"{name}_deg": None if plain[name] is None else math.degrees(plain[name])
+        for name in ("alpha", "alpha_low", "alpha_high")
+    }
+    return {name: plain[name] for name in _SHOWN} | angles | {"beta_deg": None if tilt is None else tilt.beta_deg}
 
 
-_SHOWN = (
-    "status", "reason", "box", "score", "centre", "rope_text", "rope_status", "rope_length_m", "danger",
-)  # fmt: skip
+_SHOWN = ("status", "reason", "box", "score", "centre", "rope_text", "rope_status", "rope_length_m")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Iterable
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import msgspec
+import numpy as np
 
 from simgrab.dataset import overlay
 from simgrab.dataset.stored import encoded
@@ -25,7 +24,6 @@ from simgrab.world.frames import Frame, FrameGenerator
 PREVIEW_WIDTH_PX = 480
 K = TypeVar("K")
 V = TypeVar("V")
-_KEPT = 4  # pictures, and small scenarios
 _LEAST_PX = 64
 _PREVIEW_QUALITY = 80
 _OUTLINE_WIDTH_PX = 960
@@ -35,55 +33,20 @@ _VALUES = (
 )  # fmt: skip
 
 
-class Picture(msgspec.Struct, frozen=True):
-    """A frame as the page shows it.
-
-    Attributes
-    ----------
-    about : dict
-        Plain data: size, what is drawn on it, values of its truth, the frames of its clip.
-    content : bytes
-        A JPEG or PNG file: at full size, that of a dataset.
-    kind : str
-        Its type.
-    """
-
-    about: dict[str, Any]
-    content: bytes
-    kind: str
-
-
 @dataclass(frozen=True)
 class Wish:
-    """A frame that is wanted.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    frame : int
-    small : bool
-        Whether a small one will do.
-    """
+    """A frame that is wanted, small where that will do."""
 
     scenario: Scenario
     frame: int
     small: bool = False
 
 
-class _Latest(Generic[K, V]):
-    """The values of the few keys that were put last, which compare by value."""
-
-    def __init__(self) -> None:
-        self._kept: list[tuple[K, V]] = []
-
-    def get(self, key: K) -> V | None:
-        """Give the value of a key; None where it is not kept."""
-        return next((value for known, value in self._kept if known == key), None)
-
-    def put(self, key: K, value: V) -> V:
-        """Keep a value, and give it back."""
-        self._kept = [(key, value), *((k, v) for k, v in self._kept if k != key)][:_KEPT]
-        return value
+def kept(known: list[tuple[K, V]], key: K, make: Callable[[], V], most: int = 4) -> V:
+    """Give the value of a key, made where it is none of the few used last. Scenes have no hash: compare values."""
+    found = [value for old, value in known if old == key] or [make()]
+    known[:] = [(key, found[0]), *(one for one in known if one[0] != key)][:most]
+    return found[0]
 
 
 class Rendering:
@@ -95,11 +58,19 @@ class Rendering:
     def __init__(self) -> None:
         self._generators: dict[str, FrameGenerator] = {}
         self._parts: dict[str, list[Any]] = {}
-        self._small, self._full = _Latest[Scenario, Scenario](), _Latest[Wish, bytes]()
+        self._small: list[tuple[Scenario, Scenario]] = []
+        self._full: list[tuple[Wish, bytes]] = []
         self.turns = Turns(self._close)
 
-    def picture(self, side: str, wish: Wish) -> Future[Picture]:
+    def picture(self, side: str, wish: Wish) -> Future[tuple[dict[str, Any], bytes]]:
         """Render a frame of a side, in place of one that waits for it.
+
+        Returns
+        -------
+        about : dict
+            Plain data: size, what is drawn on it, values of its truth, its clip.
+        content : bytes
+            A JPEG or PNG file: at full size, that of a dataset.
 
         Raises
         ------
@@ -150,31 +121,21 @@ class Rendering:
             generator.close()
             raise
 
-    def _picture(self, side: str, wish: Wish) -> Picture:
-        begun = time.perf_counter()
-        small = self._reduced(wish.scenario) if wish.small else wish.scenario
+    def _picture(self, side: str, wish: Wish) -> tuple[dict[str, Any], bytes]:
+        scenario = wish.scenario
         self._build(side, wish)
-        frame = self._frame(side, small, wish.frame)
-        if wish.small:
-            content = pictures.encode(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), "jpeg", _PREVIEW_QUALITY)
-        else:
-            content = self._stored_of(side, wish, frame)
-        milliseconds = (time.perf_counter() - begun) * 1000
-        about = _about(wish, frame) | {"small": wish.small, "milliseconds": round(milliseconds, 1)}
-        return Picture(about, content, f"image/{'jpeg' if wish.small else wish.scenario.image.format}")
+        if not wish.small:
+            frame = self._frame(side, scenario, wish.frame)
+            return _about(wish, frame), kept(self._full, wish, lambda: self._encoded(side, frame))
+        frame = self._frame(side, kept(self._small, scenario, lambda: reduced(scenario)), wish.frame)
+        content = pictures.encode(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), "jpeg", _PREVIEW_QUALITY)
+        return _about(wish, frame), content
 
     def _stored(self, side: str, wish: Wish) -> bytes:
-        kept = self._full.get(wish)
-        return kept or self._stored_of(side, wish, self._frame(side, wish.scenario, wish.frame))
+        return kept(self._full, wish, lambda: self._encoded(side, self._frame(side, wish.scenario, wish.frame)))
 
-    def _stored_of(self, side: str, wish: Wish, frame: Frame) -> bytes:
-        files = encoded(self._generators[side], frame).files
-        return self._full.put(wish, next(iter(files.values())))
-
-    def _reduced(self, scenario: Scenario) -> Scenario:
-        """Give the scenario of small pictures; the same one where the display would not fit."""
-        kept = self._small.get(scenario)
-        return kept or self._small.put(scenario, reduced(scenario))
+    def _encoded(self, side: str, frame: Frame) -> bytes:
+        return next(iter(encoded(self._generators[side], frame).files.values()))
 
 
 def reduced(scenario: Scenario) -> Scenario:
@@ -197,24 +158,18 @@ def reduced(scenario: Scenario) -> Scenario:
 
 def _about(wish: Wish, frame: Frame) -> dict[str, Any]:
     truth, scenario = frame.truth, wish.scenario
-    clip = scenario.clip.of(wish.frame)
-    span = scenario.span(clip)
     return {
-        "frame": wish.frame, "width": truth.width_px, "height": truth.height_px,
+        "frame": wish.frame, "small": wish.small, "width": truth.width_px, "height": truth.height_px,
+        "kind": f"image/{'jpeg' if wish.small else scenario.image.format}",
         "truth": overlay.marks(truth, outline(frame.mask, _OUTLINE_WIDTH_PX)) | _geometry(truth),
         "values": {name: getattr(truth, name) for name in _VALUES},
-        "frames": scenario.frames, "clip": clip, "span": (span.start, span.stop),
-        "timed": not isinstance(scenario.swing, Iid), "rate": scenario.clip.frame_rate_hz,
+        "frames": scenario.frames, "clip": scenario.clip.of(wish.frame), "timed": not isinstance(scenario.swing, Iid),
     }  # fmt: skip
 
 
 def _geometry(truth: Truth) -> dict[str, Any]:
     """Give C', G' and the image of the grab centre; None where the picture has none."""
-    u, v = (math.nan if value is None else value for value in (truth.grab_u_px, truth.grab_v_px))
-    points: dict[str, Iterable[float]] = {
-        "principal": overlay.principal(truth),
-        "vertical": overlay.vertical(truth),
-        "centre": (u, v),
-    }
-    plain = {name: tuple(float(one) for one in point) for name, point in points.items()}
-    return {name: point if all(map(math.isfinite, point)) else None for name, point in plain.items()}
+    centre = (truth.grab_u_px, truth.grab_v_px)
+    marks = {"principal": overlay.principal(truth), "vertical": overlay.vertical(truth), "centre": centre}
+    points = {name: np.array(mark, float) for name, mark in marks.items()}
+    return {name: point.tolist() if np.isfinite(point).all() else None for name, point in points.items()}

@@ -22,12 +22,7 @@ class _Waiting(NamedTuple):
 
 
 class Turns:
-    """A thread and what waits for it. What it does last, it does when `end` is called.
-
-    Parameters
-    ----------
-    last : callable
-    """
+    """A thread and what waits for it. What it does last, it does when `end` is called."""
 
     def __init__(self, last: Callable[[], object]) -> None:
         self._last, self._thread = last, ThreadPoolExecutor(1)
@@ -36,12 +31,7 @@ class Turns:
     def ask(self, asker: str, work: Callable[[], T], rank: int = 0) -> Future[T]:
         """Have work done, in place of what waits for the same asker, which then raises `SupersededError`.
 
-        Parameters
-        ----------
-        asker : str
-        work : callable
-        rank : int
-            What has the lowest goes first; within a rank, who asked first, also where it has asked again since.
+        The lowest rank goes first; within a rank, who asked first, also where it has asked again since.
         """
         future: Future[T] = Future()
         with self._lock:

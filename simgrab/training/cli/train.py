@@ -26,6 +26,7 @@ def command() -> None:
     """Train the instrument's networks from rendered datasets. Needs `pip install 'simgrab[train]'`."""
 
 
+_seed = functools.partial(click.option, "--seed", type=click.IntRange(0, 2**53), default=0, show_default=True)
 _training = together(
     click.option("--device", default="cpu", show_default=True, help="torch device, e.g. cuda."),
     click.option("--resume", is_flag=True, help="Continue an interrupted training."),
@@ -98,7 +99,7 @@ def _counts(_context: click.Context, _parameter: click.Parameter, text: str | No
     metavar="DETECTOR",
     help="Start from the weights of this detector: bundled, or a folder. Takes about 11 minutes.",
 )
-@click.option("--seed", default=0, show_default=True, help="Seed of weights, order, augmentation and frames.")
+@_seed(help="Seed of weights, order, augmentation and frames.")
 @click.option("--quick", is_flag=True, help="About a fifth of the time.")
 @click.option("--epochs", type=int, help="Epochs of each network.  [default: chosen by time]")
 @click.option("--batch", type=int, help="Batch size.  [default: 16 of the first network, 32 of the second]")
@@ -223,7 +224,7 @@ def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
 @command.command()
 @click.argument("datasets", nargs=-1, required=True, type=PATH)
 @click.option("--out", type=FOLDER, required=True, help="Folder for network, card and checkpoint.")
-@click.option("--seed", default=0, show_default=True, help="Seed of weights, order and augmentation.")
+@_seed(help="Seed of weights, order and augmentation.")
 @click.option("--quick", is_flag=True, help="A third of the time.")
 @click.option("--epochs", type=int, help="Epochs.  [default: 20, or 6 with --quick]")
 @click.option("--batch", default=128, show_default=True, help="Batch size.")

@@ -23,17 +23,14 @@ from simgrab.model.records.frame_files import picture
 from simgrab.model.truth import Boxed, Row
 
 Progress = Callable[[int, int], None]
+Watch = Callable[[str], Progress]
 _MOST_BYTES = 4 * 2**30  # of the list of patches
 _WORKERS = 2  # decoding lets go of Python's lock
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingFrame:
-    """One frame to learn from: row, picture's file, whether detection labels hold a box for it, and its weather.
-
-    A frame of which labels hold no box although a little of the grab shows is neither a grab nor none: `frames` leaves
-    it out.
-    """
+    """One frame to learn from: row, picture's file, whether detection labels hold a box for it, and its weather."""
 
     row: Row | Boxed
     file: Path
@@ -51,7 +48,7 @@ class TrainingFrame:
 
 
 def frames(datasets: Sequence[Dataset], split: str) -> tuple[TrainingFrame, ...]:
-    """Frames of a split, but for those in which so little of the grab shows that labels hold no box."""
+    """Frames of a split, without those in which too little of the grab shows for a box: neither a grab nor none."""
     return tuple(
         TrainingFrame(row, dataset.image(row), dataset.is_labelled(row), dataset.weather(row))
         for dataset in datasets
@@ -99,7 +96,7 @@ def build(
     patches : list of list of Patch
         Of each frame.
     """
-    if not is_built(folder):
+    if not all((folder / name).exists() for name in ("patches.json", "bytes.npy")):  # it may be half removed
         _make(folder, chosen, shape, make, progress)
     try:
         listed = read_json(folder / "patches.json", TrainingError, most_bytes=_MOST_BYTES)
@@ -110,11 +107,6 @@ def build(
         return found, patches
     except (TrainingError, OSError, EOFError, ValueError, TypeError, OverflowError, AttributeError) as problem:
         raise TrainingError(f"{folder} is damaged ({type(problem).__name__}); delete it; it will be rebuilt") from None
-
-
-def is_built(folder: Path) -> bool:
-    """Whether `build` finds its files there, all of them: a folder may be half removed."""
-    return all((folder / name).exists() for name in ("patches.json", "bytes.npy"))
 
 
 def _make(

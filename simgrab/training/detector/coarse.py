@@ -23,6 +23,7 @@ from simgrab.training.detector.nets import STRIDE
 from simgrab.training.loop import SCORE
 
 _SIZE = np.array([COARSE_WIDTH, COARSE_HEIGHT], float)
+_BATCH = 16  # validation pictures at a time
 _LEFT = 0.4  # share of a box that a shift must leave in the picture
 _NEAR = 0.3  # target heat above which a cell predicts the edges
 
@@ -91,7 +92,7 @@ class CoarseTask:
     def validate(self, net: nn.Module) -> Mapping[str, float]:
         """Recall and mean IoU of the highest peak where there is a grab, and how high it is where there is none."""
         truth = self.validation.boxes
-        scores, boxes = look(net, self.validation.pictures)
+        scores, boxes = _highest(net, self.validation.pictures)
         there = np.isfinite(truth[:, 0])
         overlap = iou(boxes[there], truth[there])
         empty = float(scores[~there].max(initial=0.0))
@@ -100,12 +101,12 @@ class CoarseTask:
         return {"mean_iou": mean, "recall": found, "highest_on_empty": empty, SCORE: mean + found}
 
 
-def look(net: nn.Module, small: NDArray[np.uint8], batch: int = 16) -> tuple[Array, Array]:
+def _highest(net: nn.Module, small: NDArray[np.uint8]) -> tuple[Array, Array]:
     """Scores (n,) and boxes (n, 4) of the highest peak in each small picture."""
     device = next(net.parameters()).device
     scores, boxes = [], []
-    for start in range(0, len(small), batch):
-        heat, reach = net(torch.from_numpy(np.array(small[start : start + batch])).to(device))
+    for start in range(0, len(small), _BATCH):
+        heat, reach = net(torch.from_numpy(np.array(small[start : start + _BATCH])).to(device))
         best = heat.flatten(1).argmax(1)
         scores.append(heat.flatten(1).gather(1, best[:, None])[:, 0].sigmoid().cpu().numpy())
         edges = reach.flatten(2).gather(2, best[:, None, None].expand(-1, 4, 1))[..., 0].cpu().numpy()

@@ -16,10 +16,10 @@ from simgrab._version import __version__
 from simgrab.dataset import datasets
 from simgrab.errors import TrainingError
 from simgrab.io.parse import is_file, read_json
-from simgrab.training import loop
+from simgrab.training.detector.cache import Watch
 from simgrab.training.detector.real import Real, by_video, digest
 from simgrab.training.detector.settings import Recipes
-from simgrab.training.detector.train import FrameSplits, Watch, start_digests, train
+from simgrab.training.detector.train import Follow, FrameSplits, start_digests, train
 from simgrab.training.folder import CURVE, check, claim, write
 
 JSON, MARKDOWN = "learning-curve.json", "learning-curve.md"
@@ -36,8 +36,8 @@ def learning_curve(
     seed: int = 0,
     start: str | Path | None = None,
     resume: bool = False,
-    watch: Watch | None = None,
-    report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None,
+    watch: Watch = lambda _: lambda _done, _total: None,
+    report: Follow = lambda _: lambda _report: None,
 ) -> list[dict[str, Any]]:
     """Train with some numbers of real frames, each time from the same weights, and judge by the same real videos.
 
@@ -50,9 +50,7 @@ def learning_curve(
     real : Real
         Its validation frames are not used: real frames beyond those counted influence nothing.
     counts : sequence of int
-        Numbers of frames to learn from; see `Real.some`.
-    seed : int
-        Of the order in which videos and frames are taken.
+        Numbers of frames to learn from; ``seed`` is that of their order: see `Real.some`.
 
     Returns
     -------
@@ -101,9 +99,9 @@ def _known(path: Path, identity: str) -> dict[str, Any] | None:
     return figures
 
 
-def _named(callback: Callable[[str], Any] | None, count: int) -> Callable[[str], Any] | None:
+def _named(callback: Callable[[str], Any], count: int) -> Callable[[str], Any]:
     """Name the steps of one point."""
-    return None if callback is None else lambda name: callback(f"{name} ({count} real)")
+    return lambda name: callback(f"{name} ({count} real)")
 
 
 def tables(points: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[str, ...]]]:

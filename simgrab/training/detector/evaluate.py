@@ -52,14 +52,13 @@ class DetectedFrame:
 
 
 def watch(
-    detector: GrabDetector, frames: Sequence[cache.TrainingFrame], progress: cache.Progress | None = None
+    detector: GrabDetector, frames: Sequence[cache.TrainingFrame], progress: cache.Progress
 ) -> list[DetectedFrame]:
     """Run a detector on frames."""
     detected = []
     for frame in frames:
         detected.append(DetectedFrame(frame, *detector.examine(frame.picture())))
-        if progress:
-            progress(len(detected), len(frames))
+        progress(len(detected), len(frames))
     return detected
 
 

@@ -15,12 +15,7 @@ SIZE = (960, 540)  # the nets' crops of nearly every grab have fewer pixels stil
 def scene_of(grab: Mesh, *, frames: int = FRAMES, seed: int = 0) -> Scenario:
     """Give the scene `training` with one grab in all of its worlds, at half the size.
 
-    Parameters
-    ----------
-    grab : Mesh
-        Its appearance varies as in `training` where they are the default ones.
-    frames : int
-    seed : int
+    The grab's appearance varies as in `training` where it is the default one.
     """
     training = scenes.load("training", {"frames": frames, "seed": seed, "clip.clip_frames": CLIP_FRAMES}, size=SIZE)
     values, fields = msgspec.to_builtins(grab), msgspec.structs.fields(grab)

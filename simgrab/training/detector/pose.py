@@ -148,12 +148,15 @@ class PoseTask:
         return stack([_example(self.train, int(i), rng.random() < _OTHERS, rng, self._dirt) for i in chosen])
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
-        """Compose the loss of positions, yaw, their scales and the presence."""
-        return lost(net, batch)
+        """Loss of positions, yaw, their scales and the presence, and of the maps that positions are means of."""
+        assert isinstance(net, Pose)
+        out, weights = net.outputs_and_weights(batch["crops"])
+        return loss(out, batch) + spread(weights, batch)
 
     def validate(self, net: nn.Module) -> Mapping[str, float]:
         """Overlap and centre error where there is a grab, and how well its presence is predicted."""
-        out = answers(net, self._validation).numpy()
+        device = next(net.parameters()).device
+        out = torch.cat([net(some.to(device)) for some in torch.split(self._validation["crops"], 64)]).cpu().numpy()
         places, known, present = (self._validation[name].numpy() for name in ("places", "known", "present"))
         correct = (out[:, PRESENCE] > 0) == (present == 1)
         whole = known[:, EDGES].all(axis=1)
@@ -165,19 +168,6 @@ class PoseTask:
         mean = float(overlap.mean()) if whole.any() else 0.0
         score = mean + float(correct.mean()) - min(error, 1.0)
         return {"mean_iou": mean, "centre_error": error, "told_apart": float(correct.mean()), SCORE: score}
-
-
-def answers(net: nn.Module, batch: Batch) -> Tensor:
-    """Run a network on a batch of any length, a few crops at a time; its output (n, 16) on the CPU."""
-    device = next(net.parameters()).device
-    return torch.cat([net(some.to(device)) for some in torch.split(batch["crops"], 64)]).cpu()
-
-
-def lost(net: nn.Module, batch: Batch) -> Tensor:
-    """Compose the loss of the output of a `simgrab.training.detector.nets.Pose` and of its intermediate maps."""
-    assert isinstance(net, Pose)
-    out, weights = net.outputs_and_weights(batch["crops"])
-    return loss(out, batch) + spread(weights, batch)
 
 
 def loss(out: Tensor, batch: Batch) -> Tensor:

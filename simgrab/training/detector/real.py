@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,6 @@ from simgrab.training.detector import cache, evaluate
 
 SHARE = 0.2  # of the frames learned from: real ones count several times until they are so many
 MOST_TIMES = 16
-
-Steps = Callable[[str], cache.Progress]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +60,7 @@ class Real:
             "labels_sha256": digest(self.train),
         }  # fmt: skip
 
-    def figures(self, out: Path, start: str | Path | None = None, watch: Steps | None = None) -> dict[str, Any]:
+    def figures(self, out: Path, start: str | Path | None, watch: cache.Watch) -> dict[str, Any]:
         """Judge a detector, and the one that it began with: ``real``, ``real_by_video`` and ``real_before``."""
         found = self._judged(out, "detecting in real images", watch)
         result = {"real_by_video": found.pop("by_video")}
@@ -71,8 +69,8 @@ class Real:
             result["real_before"] = {key: value for key, value in before.items() if key != "by_video"}
         return {"real": found} | result
 
-    def _judged(self, folder: Path, name: str, watch: Steps | None) -> dict[str, Any]:
-        seen = evaluate.watch(GrabDetector(folder), self.held_out, watch(name) if watch else None)
+    def _judged(self, folder: Path, name: str, watch: cache.Watch) -> dict[str, Any]:
+        seen = evaluate.watch(GrabDetector(folder), self.held_out, watch(name))
         return score([frame.row for frame in self.held_out], [one.detection for one in seen])
 
     def some(self, count: int, seed: int) -> Real:

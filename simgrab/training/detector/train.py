@@ -40,7 +40,7 @@ _SUSPECT = 0.02  # heat from which on a place that is no grab makes a hard examp
 _BATCH = 32  # batch of the coarse net, pictures
 
 NETS = ("coarse", "pose")
-Watch = Callable[[str], Callable[[int, int], None]]
+Follow = Callable[[str], Callable[[loop.TrainingReport], None]]
 TASKS = {
     "coarse": f"Picture of {COARSE_WIDTH} x {COARSE_HEIGHT} in, heat at the centre of the grab's visible box and the "
     "distances to its edges out.",
@@ -58,8 +58,8 @@ def train(
     start: str | Path | None = None,
     share: float = 1.0,
     resume: bool = False,
-    watch: Watch | None = None,
-    report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None,
+    watch: cache.Watch = lambda _: lambda _done, _total: None,
+    report: Follow = lambda _: lambda _report: None,
     loaders: int = 0,
 ) -> dict[str, Any]:
     """Train the coarse net, and the pose net on what the coarse net takes for the grab; measure both together.
@@ -84,7 +84,7 @@ def train(
         alone are of the trained ones.
     resume : bool
         Go on with an interrupted training of the same recipes and datasets.
-    watch, report : callable, optional
+    watch, report : callable
         Given the name of a step, return the callback of its progress.
     loaders : int
         Processes that make batches (`simgrab.training.loop.train`).
@@ -95,7 +95,7 @@ def train(
     """
     out = Path(out)
     check(out, resume=resume)
-    began = {name: f"{TRUNK}, then a net of SHA-256 {digest}" for name, digest in start_digests(start).items()}
+    began = start_digests(start)
     sets = datasets.read_all(paths, "train", "val")
     frames = FrameSplits.of(sets)
     rendered = len(frames.train)
@@ -104,9 +104,10 @@ def train(
     chosen = recipes(len(frames.train))
     named(chosen["coarse"].device)  # or refused before anything is written
     with claim(out, resume=resume):
-        nets, metrics = fit(
-            frames, out, chosen, start=start, share=share, resume=resume, watch=watch, report=report, loaders=loaders
-        )
+        nets, metrics = _fit(
+            frames, out, chosen, frames.digest + "".join(began.values()), None if start is None else Path(start), share,
+            watch, report, functools.partial(loop.train, resume=resume, loaders=loaders),
+        )  # fmt: skip
         if real:
             metrics |= real.figures(out, start, watch)
         for name, trained in nets.items():
@@ -115,7 +116,8 @@ def train(
                 recipe=dataclasses.asdict(chosen[name]) | ({"share": share} if share < 1 else {}),
                 epochs=trained.epochs, seconds=trained.seconds,
                 metrics={"alone": trained.figures, "best_epoch": trained.epoch} | metrics,
-                started_from=began.get(name, TRUNK), real=real.learned(rendered) if real else {},
+                started_from=f"{TRUNK}, then a net of SHA-256 {began[name]}" if began else TRUNK,
+                real=real.learned(rendered) if real else {},
             ).save(out / f"{name}.onnx")  # fmt: skip
     return metrics
 
@@ -140,26 +142,21 @@ class FrameSplits:
         return hashlib.sha256(msgspec.json.encode(rows)).hexdigest()
 
 
-def fit(
-    frames: FrameSplits, out: Path, recipes: Recipes, *, start: str | Path | None = None, share: float = 1.0,
-    resume: bool = False, watch: Watch | None = None,
-    report: Callable[[str], Callable[[loop.TrainingReport], None]] | None = None, loaders: int = 0,
+def _fit(
+    frames: FrameSplits, out: Path, recipes: Recipes, digest: str, start: Path | None, share: float, watch: cache.Watch,
+    report: Follow, run: Callable[..., loop.Trained],
 ) -> tuple[dict[str, loop.Trained], dict[str, Any]]:  # fmt: skip
-    """Train on frames, judge by others, and write the nets into a folder; see `train`.
+    """Train the nets and write them into a folder; returns them by name, and their figures together.
 
-    Returns the nets by name, and their figures together on validation frames: with ``before``, those of the detector
-    that they began with, where there is one.
+    With ``before``, those of the detector that they began with, where there is one.
     """
-    digest = frames.digest + "".join(start_digests(start).values())
     for name, some in (("training", frames.train), ("validation", frames.val)):
         if not any(frame.labelled for frame in some):
             raise TrainingError(f"no {name} frame shows the grab; render more frames")
-    step = watch or (lambda _: lambda _done, _total: None)
-    follow = report or (lambda _: lambda _report: None)
     folder = out / "cache" / frames.digest[:16]
 
     small = [
-        coarse.pictures(folder / f"small-{name}", some, step(f"resizing {name} images"))
+        coarse.pictures(folder / f"small-{name}", some, watch(f"resizing {name} images"))
         for name, some in (("train", frames.train), ("val", frames.val))
     ]
     trained: dict[str, loop.Trained] = {}
@@ -168,18 +165,15 @@ def fit(
         """Write a net's file, with its share of the trained weights."""
         export(net, example, "pictures", outputs, path, facts, key=KEY, halves=True)
         if start is not None and share < 1:
-            mix(path, Path(start) / path.name, share)
+            mix(path, start / path.name, share)
 
     def learn(name: str, kind: type[Coarse | Pose], task: loop.Task, taken: str) -> torch.nn.Module:
         """Train a net."""
         build: Callable[[], torch.nn.Module] = functools.partial(pretrained, kind)
         if start is not None:
-            build = functools.partial(begun, build, Path(start) / f"{name}.onnx", some_examples(task)[taken])
+            build = functools.partial(begun, build, start / f"{name}.onnx", some_examples(task)[taken])
         (out / name).mkdir(exist_ok=True)
-        trained[name] = loop.train(
-            build, task, recipes[name], out / name, data=digest, resume=resume, report=follow(name),
-            loaders=loaders,
-        )  # fmt: skip
+        trained[name] = run(build, task, recipes[name], out / name, data=digest, report=report(name))
         return trained[name].net
 
     found = learn("coarse", Coarse, coarse.CoarseTask(*small), "pictures")
@@ -190,7 +184,7 @@ def fit(
     crops = [
         pose.crops(
             folder / f"crops-{name}-{key}", some, suspects(found, pictures, some), seed=recipes["pose"].seed,
-            progress=step(f"cutting {name} crops"),
+            progress=watch(f"cutting {name} crops"),
         )
         for name, some, pictures in (("train", frames.train, small[0]), ("val", frames.val, small[1]))
     ]  # fmt: skip
@@ -204,13 +198,13 @@ def fit(
         shutil.copyfile(out / "coarse.onnx", draft / "coarse.onnx")
         write_pose(draft / "pose.onnx", facts)
         detector = GrabDetector(draft, Settings(least_presence=0.0))
-    seen = evaluate.watch(detector, frames.val, step("detecting in val images"))
-    others = evaluate.watch(detector, frames.real, step("detecting in real val images")) if frames.real else []
-    first = GrabDetector(Path(start)) if start is not None else None
+    seen = evaluate.watch(detector, frames.val, watch("detecting in val images"))
+    others = evaluate.watch(detector, frames.real, watch("detecting in real val images")) if frames.real else []
+    first = GrabDetector(start) if start is not None else None
     fitted, figures = evaluate.calibrated(detector, seen, others, before=first)
     write_pose(out / "pose.onnx", facts | fitted)
     if first:
-        before = evaluate.watch(first, frames.val, step("detecting with the first weights"))
+        before = evaluate.watch(first, frames.val, watch("detecting with the first weights"))
         figures["before"] = {key: value for key, value in evaluate.metrics(before).items() if key != "by_weather"}
     return trained, figures
 

@@ -45,19 +45,11 @@ class Cells:
     frames: NDArray[np.int64]
     weather: tuple[str, ...]
 
-    def __len__(self) -> int:
-        return len(self.digits)
-
 
 def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
-    """Cut the cells of a split out of the pictures; torn pictures and those without a display are left out.
+    """Cut the cells of a split out of the pictures, and by the seed some off the display.
 
-    Parameters
-    ----------
-    datasets : sequence of Dataset
-    split : str
-    seed : int
-        Of the places off the display.
+    Torn pictures and those without a display are left out.
 
     Raises
     ------

@@ -27,16 +27,10 @@ LEAST_THRESHOLD = 0.8
 class Digits:
     """Cells as a task of `simgrab.training.loop`.
 
-    Parameters
-    ----------
-    train, val : Cells
-    seed : int
-        Of the alterations of the validation cells, which are the same in every epoch.
-
     Attributes
     ----------
     crops, digits, weather : ndarray, shapes (n, 1, 32, 32), (n,), (n,)
-        The validation cells.
+        The validation cells, as they lie and altered `ROUNDS` times: by the seed, the same in every epoch.
     """
 
     def __init__(self, train: Cells, val: Cells, seed: int) -> None:
@@ -44,7 +38,11 @@ class Digits:
         self._order = _balanced(train.digits)
         # First and last-plus-one index of the cells of each cell's picture.
         self._first, self._last = (np.searchsorted(train.frames, train.frames, end) for end in ("left", "right"))
-        self.crops, self.digits = validation(val, seed)
+        crops = [plain(box) for box in val.boxes]
+        for k in range(ROUNDS):
+            rng = stream(seed, k, "validation")
+            crops += [altered(box, rng) for box in val.boxes]
+        self.crops, self.digits = np.stack(crops)[:, None], np.tile(val.digits, 1 + ROUNDS)
         self.weather = np.tile(np.array(val.weather)[val.frames], 1 + ROUNDS)
 
     @property
@@ -108,15 +106,6 @@ def threshold(probabilities: Crops, digits: NDArray[np.int64]) -> float:
         return LEAST_THRESHOLD
     sure = float(np.quantile(probabilities[right].max(1), REFUSED))
     return min(max(sure, LEAST_THRESHOLD), HIGHEST_THRESHOLD)
-
-
-def validation(cells: Cells, seed: int) -> tuple[Crops, NDArray[np.int64]]:
-    """Cells as they lie, and altered `ROUNDS` times: crops, shape (n, 1, 32, 32), and digits, shape (n,)."""
-    crops = [plain(box) for box in cells.boxes]
-    for k in range(ROUNDS):
-        rng = stream(seed, k, "validation")
-        crops += [altered(box, rng) for box in cells.boxes]
-    return np.stack(crops)[:, None], np.tile(cells.digits, 1 + ROUNDS)
 
 
 def _balanced(digits: NDArray[np.int64]) -> NDArray[np.int64]:

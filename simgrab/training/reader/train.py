@@ -41,7 +41,7 @@ def train_reader(
     recipe: TrainingRecipe = RECIPE,
     *,
     resume: bool = False,
-    report: Callable[[loop.TrainingReport], None] | None = None,
+    report: Callable[[loop.TrainingReport], None] = lambda _: None,
 ) -> Card:
     """Train a reader on rendered datasets and write ``reader.onnx`` with its card.
 
@@ -50,12 +50,8 @@ def train_reader(
     paths : sequence of path
         Datasets with a display, as `simgrab render` writes them. Their train split is learned from; on their val split
         the best epoch is chosen and the threshold set.
-    out : Path
-        Folder.
-    recipe : TrainingRecipe
-    resume : bool
-        Go on from the checkpoint in ``out``.
-    report : callable, optional
+    out, recipe, resume, report
+        As those of `simgrab.training.loop.train`.
 
     Raises
     ------

@@ -154,6 +154,11 @@ def test_factors_become_columns():
         "v.list": [None, "[1]", None, None, None, None],
         "v.weather": ["fog", None, None, None, None, None],
     }
+    hostile = [f'{{"a": 1{"0" * 400}}}', '{"a": 9007199254740993, "\\ud800": "\\udfff"}']  # of no float, of no text
+    found = dict(columns.expanded(pa.chunked_array([hostile]), "v."))
+    assert {name: values.to_pylist() for name, values in found.items()} == {
+        "v.a": [np.inf, 2.0**53], r"v.\ud800": [None, r"\udfff"],
+    }  # fmt: skip
 
 
 def test_weather_place_and_grab_are_shown_first():
@@ -258,7 +263,7 @@ def test_nothing_is_exported_into_what_is_browsed(address, data, tmp_path):
     (tmp_path / "taken").mkdir()
     good = {"rows": selection([1], 12), "out": str(tmp_path / "out"), "format": "yolo"}
     inside = (data, data / "new", link / "new", data / "images" / ".." / "a" / "b")
-    for place in (*inside, tmp_path / "taken", "s3://a/b", ""):
+    for place in (*inside, tmp_path / "taken", "s3://a/b", "", "~nobody-of-this-name/a", "a\0b"):
         answer = export(address, good | {"out": str(place)})
         assert answer.status == 422
         assert answer.json["error"].isprintable()
@@ -389,10 +394,12 @@ def test_an_unfinished_dataset_shows_what_is_there(data, tmp_path):
     rows = path / ".partial" / "rows"
     rows.mkdir(parents=True)
     manifest = json.loads((path / "manifest.json").read_bytes())
-    (path / ".partial" / "identity.json").write_text(json.dumps(manifest), encoding="utf-8")
+    identity = path / ".partial" / "identity.json"
     (path / "manifest.json").unlink()
-    with pytest.raises(DatasetError, match="no frame of it is there"):
-        browse.open(path)
+    for frames, problem in (("1e999", "not an unfinished simgrab dataset"), ("12", "no frame of it is there")):
+        identity.write_text(json.dumps(manifest | {"frames": "N"}).replace('"N"', frames), encoding="utf-8")
+        with pytest.raises(DatasetError, match=problem):
+            browse.open(path)
     source = simgrab.open(data)
     for frame in source[:4]:
         row = {key: getattr(frame.truth, key) for key in frame.truth.__struct_fields__}

@@ -4,6 +4,7 @@ import { askJson, byId, make } from "./dom.js";
 import { Detail } from "./detail.js";
 import { Exporting } from "./exporting.js";
 import { Grid, PER_PAGE } from "./grid.js";
+import { switchLayers } from "./overlay.js";
 import { Panels } from "./panels.js";
 import { Table } from "./table.js";
 
@@ -126,11 +127,6 @@ const parsed = (text) => {
   } catch {
     return [];
   }
-};
-
-const switchLayers = () => {
-  const shown = layers();
-  for (const layer of ["box", "mask", "keypoints", "measured"]) document.body.classList.toggle(`no-${layer}`, !shown.has(layer));
 };
 
 function prepare() {

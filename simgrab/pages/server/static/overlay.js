@@ -8,6 +8,11 @@ const box = (kind, [x0, y0, x1, y1]) =>
 const path = (polygons) =>
   polygons.map((points) => `M${points.map((value, i) => (i % 2 ? `${value} ` : `${value},`)).join("")}Z`).join("");
 
+/** Show the layers whose boxes are checked, and hide the others. */
+export const switchLayers = () => {
+  for (const one of document.querySelectorAll("[data-layer]")) document.body.classList.toggle(`no-${one.dataset.layer}`, !one.checked);
+};
+
 /** Make the drawing of a frame; `radius` is that of keypoints, as a share of the image's width. */
 export const overlay = (drawn, radius = 0.009) => {
   const { width, height, truth, measured } = drawn;

@@ -10,19 +10,19 @@ const MOST_BOUND = 1e7; // of a slider: beyond it stands what has no bounds of i
 const words = (value) => (typeof value === "string" ? value : JSON.stringify(value));
 
 /** The value at a path of plain data. */
-export const at = (data, path) => path.reduce((inner, key) => inner?.[key], data);
+const at = (data, path) => path.reduce((inner, key) => inner?.[key], data);
 
 export class Controls {
   /** `scene()` gives what is edited, `set(path, value, rests)` changes it, `default` has what a file may leave out. */
   constructor(place, properties, defaults, scene, set) {
-    Object.assign(this, { place, properties, defaults, scene, set, errors: [] });
-    this.sections = [];
+    Object.assign(this, { place, properties, defaults, scene, set, text: "", changedOnly: false });
   }
 
   build() {
     const entries = Object.entries(this.properties).filter(([key]) => key !== "base");
-    const plain = entries.filter(([, node]) => !["table", "kinds", "entries"].includes(kindOf(node)));
-    const tables = entries.filter(([, node]) => ["table", "kinds", "entries"].includes(kindOf(node)));
+    const isTable = ([, node]) => ["table", "kinds", "entries"].includes(kindOf(node));
+    const plain = entries.filter((one) => !isTable(one));
+    const tables = entries.filter(isTable);
     this.sections = [section(this, "", plain), ...tables.map(([key, node]) => section(this, key, [[key, node]]))];
     this.place.replaceChildren(...this.sections.map((one) => one.element));
     this.update();
@@ -30,7 +30,7 @@ export class Controls {
 
   update() {
     for (const one of this.sections) one.update();
-    this.find(this.text ?? "", this.changedOnly ?? false);
+    this.find(this.text, this.changedOnly);
   }
 
   value(path) {
@@ -102,13 +102,10 @@ const section = (form, key, entries) => {
   const help = make("p", { class: "help soft" }, key ? node.description : "Keys at the top of the file.");
   const element = make("details", { class: "section", open: key === "" || key === "camera" || key === "swing" },
     make("summary", {}, make("h2", {}, key || "scene"), badge, key ? add : null, key ? remove : null),
-    make("div", { class: "inner" }, help, make("p", { class: "error bad", hidden: true }), ...controls.map((one) => one.element)));
+    make("div", { class: "inner" }, help, ...controls.map((one) => one.element)));
   if (key) {
-    element.dataset.key = key;
-    element.dataset.text = `${key} ${node.description}`;
-    const inner = element.querySelector(".inner > .error");
-    inner.remove();
-    element.append(inner);
+    Object.assign(element.dataset, { key, text: `${key} ${node.description}` });
+    element.append(make("p", { class: "error bad", hidden: true }));
   }
   add.addEventListener("click", (event) => {
     event.preventDefault();

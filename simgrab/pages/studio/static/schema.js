@@ -36,9 +36,7 @@ export const kindOf = (node) => {
   if (node.type === "boolean") return "switch";
   if (node.type === "number" || node.type === "integer") return "number";
   if (node.type === "string") return "text";
-  if (node.type === "array") {
-    return node.prefixItems ? "tuple" : "list";
-  }
+  if (node.type === "array") return node.prefixItems ? "tuple" : "list";
   if (node.type === "object") return node.properties ? "table" : "entries";
   return "any";
 };

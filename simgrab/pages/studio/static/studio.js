@@ -3,6 +3,7 @@
 import { ask, askJson, byId, make } from "./dom.js";
 import { Controls } from "./controls.js";
 import { Instrument } from "./instrument.js";
+import { switchLayers } from "./overlay.js";
 import { learn, same } from "./schema.js";
 import { truth } from "./truth.js";
 import { Viewer } from "./viewer.js";
@@ -91,16 +92,16 @@ function shown(viewer, about) {
     controls.mark("", null);
     byId("time").textContent = about.timed ? `clip ${about.clip}, ${(about.values.time_s ?? 0).toFixed(2)} s` : `of ${about.frames}`;
   }
-  if (!byId("panel-truth").hidden) panel("truth");
+  if (!byId("panel-truth").hidden) PANELS.truth();
   if (viewer.side === view.side && !about.small) {
-    if (!byId("panel-file").hidden) panel("file");
+    if (!byId("panel-file").hidden) PANELS.file();
     instrument.restart();
   }
   report(null);
   document.body.dataset.ready = "yes";
 }
 
-async function failed(viewer, problem) {
+function failed(viewer, problem) {
   document.body.dataset.ready = "yes";
   if (viewer.side !== view.side) return;
   const { key, problem: line } = problem.answer ?? {};
@@ -118,14 +119,13 @@ function refresh() {
   document.title = `${scene.name} – simgrab studio`;
   byId("about").textContent = scene.description;
   view.frame = Math.min(view.frame, Math.max(frames() - 1, 0));
-  for (const [id, most] of [["frame", frames() - 1], ["frame-number", frames() - 1]]) Object.assign(byId(id), { max: most, value: view.frame });
+  for (const id of ["frame", "frame-number"]) Object.assign(byId(id), { max: frames() - 1, value: view.frame });
   byId("compare").value = [NONE, SEED].includes(state.beside) || start.scenes.includes(state.beside) ? state.beside : NONE;
   byId("other-seed").hidden = state.beside !== SEED;
   if (state.beside === SEED && document.activeElement !== byId("seed")) byId("seed").value = state.b.seed;
   document.querySelector('[data-side="b"]').hidden = state.beside === NONE;
   byId("views").classList.toggle("two", state.beside !== NONE);
-  const editable = state.beside !== NONE && state.beside !== SEED;
-  byId("which").hidden = !editable;
+  byId("which").hidden = [NONE, SEED].includes(state.beside);
   for (const one of document.querySelectorAll("#which input")) one.checked = one.value === view.side;
 }
 
@@ -143,18 +143,17 @@ const PANELS = {
   },
   instrument: () => instrument.restart(),
 };
-const panel = (name) => PANELS[name]();
 const post = (more) => ({ method: "POST", body: JSON.stringify({ scene: sceneOf(view.side), ...more }) });
 
 function choose(name) {
-  for (const one of ["truth", "file", "instrument"]) {
+  for (const one of Object.keys(PANELS)) {
     byId(`tab-${one}`).setAttribute("aria-selected", one === name);
     byId(`tab-${one}`).tabIndex = one === name ? 0 : -1;
     byId(`panel-${one}`).hidden = one !== name;
   }
   instrument.open = name === "instrument";
   if (!instrument.open) instrument.stop();
-  panel(name);
+  PANELS[name]();
 }
 
 function go(frame, small) {
@@ -249,15 +248,16 @@ const on = (id, kind, act) => byId(id).addEventListener(kind, guarded(act));
 function listen() {
   on("undo", "click", () => step(history.past, history.future));
   on("redo", "click", () => step(history.future, history.past));
-  on("search", "input", () => (byId("no-match").hidden = controls.find(byId("search").value, byId("changed-only").checked) > 0));
-  on("changed-only", "change", () => (byId("no-match").hidden = controls.find(byId("search").value, byId("changed-only").checked) > 0));
+  const search = () => (byId("no-match").hidden = controls.find(byId("search").value, byId("changed-only").checked) > 0);
+  on("search", "input", search);
+  on("changed-only", "change", search);
   on("frame", "input", (event) => go(Number(event.target.value), true));
   on("frame", "change", (event) => go(Number(event.target.value), false));
   on("frame-number", "change", (event) => go(Number(event.target.value), false));
   on("before", "click", () => go(view.frame - 1, false));
   on("after", "click", () => go(view.frame + 1, false));
   on("play", "click", () => (view.playing ? pause() : play()));
-  on("layers", "change", layers);
+  on("layers", "change", switchLayers);
   on("compare", "change", (event) => beside(event.target.value));
   on("seed", "input", (event) => {
     const seed = Number(event.target.value);
@@ -266,7 +266,7 @@ function listen() {
     state = { ...state, b: { ...state.b, seed } };
     render(true);
   });
-  for (const name of ["truth", "file", "instrument"]) on(`tab-${name}`, "click", () => choose(name));
+  for (const name of Object.keys(PANELS)) on(`tab-${name}`, "click", () => choose(name));
   document.querySelector("[role=tablist]").addEventListener("keydown", (event) => {
     const tabs = [...event.currentTarget.children];
     const next = tabs[tabs.indexOf(document.activeElement) + { ArrowLeft: -1, ArrowRight: 1 }[event.key]];
@@ -308,10 +308,6 @@ function listen() {
   });
 }
 
-function layers() {
-  for (const one of document.querySelectorAll("[data-layer]")) document.body.classList.toggle(`no-${one.dataset.layer}`, !one.checked);
-}
-
 function prepare() {
   byId("compare").replaceChildren(...[NONE, SEED, ...start.scenes].map((name) => make("option", { value: name }, name)));
   byId("scenes").replaceChildren(...start.scenes.map((name) => make("option", { value: name })));
@@ -334,7 +330,7 @@ function shownAgain() {
 
 prepare();
 listen();
-layers();
+switchLayers();
 render(true); // first a small frame, then the full one
 controls.build();
 refresh();

@@ -18,7 +18,7 @@ const shown = (value) => (typeof value === "number" ? written(value) : value ===
 export const truth = (abouts) => {
   const known = abouts.filter(Boolean);
   if (!known.length) return [make("p", { class: "soft" }, "No frame.")];
-  const kept = ROWS.filter(([name]) => known.some((about) => !["–"].includes(shown(about.values[name]))));
+  const kept = ROWS.filter(([name]) => known.some((about) => shown(about.values[name]) !== "–"));
   const head = abouts.length > 1 ? make("thead", {}, make("tr", {}, make("td"), ...abouts.map((_, i) => make("th", { scope: "col" }, "AB"[i])))) : null;
   return [make("div", { class: "scroll" }, make("table", {}, head, make("tbody", {}, ...kept.map(([name, label, unit]) =>
     make("tr", {}, make("th", { scope: "row" }, label), ...abouts.map((about) => make("td", { class: "number" },

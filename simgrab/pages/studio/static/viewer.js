@@ -9,7 +9,7 @@ const SLOW_MS = 700; // after which the page says that it waits, as where anothe
 export class Viewer {
   /** `wished()` gives what to ask for: { scene, frame }; `shown` and `failed` are told what came of it. */
   constructor(side, place, wished, shown, failed) {
-    Object.assign(this, { side, place, wished, shown, failed, next: null, running: null, about: null, measured: null, epoch: 0 });
+    Object.assign(this, { side, place, wished, shown, failed, next: null, running: null, about: null, measured: null, drawn: 0 });
     this.canvas = make("canvas", { role: "img", "aria-label": "Rendered frame" });
     this.layer = make("div");
     this.message = make("p", { class: "message", role: "status" }, "Rendering …");
@@ -38,8 +38,7 @@ export class Viewer {
 
   async one(small, at) {
     const { scene, frame } = this.wished();
-    const enough = this.about?.frame === frame && (small || !this.about.small) && same(scene, this.scene);
-    if (enough) {
+    if (this.about?.frame === frame && (small || !this.about.small) && same(scene, this.scene)) {
       this.say("");
       return this.shown(this, this.about);
     }
@@ -86,8 +85,7 @@ export class Viewer {
     this.state.textContent = `${width} × ${height}${about.small ? ", preview" : ", as a dataset stores it"}, ${Math.round(milliseconds)} ms`;
     this.place.dataset.small = about.small;
     this.place.dataset.frame = about.frame;
-    this.place.dataset.drawn = ++this.epoch;
-    this.place.dataset.milliseconds = milliseconds;
+    this.place.dataset.drawn = ++this.drawn;
   }
 
   mark() {
