@@ -5,6 +5,8 @@ from dataclasses import replace
 import cv2
 import msgspec
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import simgrab
@@ -19,7 +21,7 @@ from simgrab.lab.rivals.camera import Tracked, conclude, kawai, matsuo, optical_
 from simgrab.lab.rivals.contract import Sensors, Series, Swing, read_series
 from simgrab.lab.rivals.inertial import INERTIAL, MOUNT
 from simgrab.lab.rivals.kalman import kalman
-from simgrab.lab.rivals.lidar import Scans, clusters, lidar, read_scans
+from simgrab.lab.rivals.lidar import COLUMNS, Scans, clusters, lidar, read_scans
 from simgrab.lab.rivals.marks import TAGS, Fiducial, Layered, Mark, circles, level_layers, target
 from simgrab.lab.rivals.tracking import flow, template
 from simgrab.model.calibration import Calibration
@@ -430,6 +432,11 @@ def test_scans_that_cannot_be_are_refused(tmp_path):
     (tmp_path / "data.parquet").write_bytes(b"nothing")
     with pytest.raises(RecordError, match=r"data.parquet: it cannot be read as scans"):
         read_scans(tmp_path, np.eye(4))
+    for column, values, why in (("x [m]", ["a", "b"], "it cannot be read as scans"), (COLUMNS[0], [None, 2], "row 1")):
+        rows = dict.fromkeys(COLUMNS, [1, 2]) | {column: values}
+        pq.write_table(pa.table(rows), tmp_path / "data.parquet")
+        with pytest.raises(RecordError, match=rf"data.parquet: .*{why}"):
+            read_scans(tmp_path, np.eye(4))
 
 
 def test_clusters_leave_sparse_points_out():
