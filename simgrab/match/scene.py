@@ -28,6 +28,7 @@ from simgrab.model.scenario import Factor, OneOf, Scenario
 from simgrab.model.srgb import decoded, encoded
 from simgrab.reports import html
 from simgrab.reports.plots import Figure
+from simgrab.text import printable
 from simgrab.world.frames import frames
 
 BASE, TRAINED_ON = "quay-day", "training"
@@ -350,7 +351,7 @@ def _comments(seen: Appearance, focal: str, base: str) -> str:
 
 
 def _commented(*lines: str) -> str:
-    return "".join(f"# {''.join(c if c.isprintable() else '?' for c in line)}\n" for line in lines) + "\n"
+    return "".join(f"# {printable(line)}\n" for line in lines) + "\n"
 
 
 def page(matched: Matched) -> str:
