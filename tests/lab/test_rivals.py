@@ -13,11 +13,12 @@ import simgrab
 from simgrab.dataset.tables import calibration_of
 from simgrab.errors import CalibrationError, RecordError
 from simgrab.instrument.contract import Frame, flaw
-from simgrab.instrument.estimate import PendulumSmoother, ZeroTilt
+from simgrab.instrument.estimate import ZeroTilt
 from simgrab.instrument.estimate.chain import linear, prior, state_covariances
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.observation import Observation
-from simgrab.lab.rivals.camera import Tracked, conclude, kawai, matsuo, optical_flow, target_angles
+from simgrab.lab.rivals import tracking
+from simgrab.lab.rivals.camera import conclude, kawai, matsuo, optical_flow, target_angles
 from simgrab.lab.rivals.contract import Sensors, Series, Swing, read_series
 from simgrab.lab.rivals.inertial import INERTIAL, MOUNT
 from simgrab.lab.rivals.kalman import kalman
@@ -253,12 +254,17 @@ class Start:
         return Detection("found", "", 1.0, np.array([*(CENTRE - half), *(CENTRE + half)]), CENTRE)
 
 
+@pytest.fixture(autouse=True)
+def _detected(monkeypatch):
+    monkeypatch.setattr(tracking, "detector", Start)
+
+
 SHIFTS = 25 * np.stack([np.sin(np.arange(40) / 9), np.cos(np.arange(40) / 9) - 1], axis=-1)
 
 
 @pytest.mark.parametrize(
     ("tracker", "bound"),
-    [(template(0.0, Start()), 0.15), (template(0.1, Start()), 0.3), (flow(Start()), 1.5)],  # flow drifts
+    [(template(), 0.15), (template(0.1), 0.3), (flow(), 1.5)],  # flow drifts
 )
 def test_trackers_follow_a_patch_to_parts_of_a_pixel(tracker, bound):
     frames, true = pictures(SHIFTS, lost=(7,))
@@ -270,7 +276,7 @@ def test_trackers_follow_a_patch_to_parts_of_a_pixel(tracker, bound):
     assert np.abs(np.array(seen) - np.delete(true, 7, axis=0)).max() < bound
 
 
-@pytest.mark.parametrize("tracker", [template(0.0, Start()), flow(Start())])
+@pytest.mark.parametrize("tracker", [template(), flow()])
 def test_trackers_miss_a_target_that_is_gone(tracker):
     frames, _ = pictures(SHIFTS[:3])
     rng = np.random.default_rng(2)
@@ -288,8 +294,7 @@ CAMERA_FILE = Calibration(width_px=320, height_px=240, focal_length_px=400.0, cx
 
 def test_a_template_measures_the_angle_from_the_optical_axis():
     frames, true = pictures(SHIFTS, lost=(5,))
-    instrument = replace(kawai(), tracker=template(0.0, Start()))
-    found = instrument(frames, CAMERA_FILE)
+    found = kawai()(frames, CAMERA_FILE)
     alpha = np.arctan(np.hypot(*(true - (160, 120)).T) / 400)
     assert [m.status for m in found] == ["lost" if i == 5 else "ok" for i in range(len(frames))]
     assert [m.alpha for i, m in enumerate(found) if i != 5] == pytest.approx(np.delete(alpha, 5), abs=np.radians(0.03))
@@ -304,7 +309,7 @@ def test_methods_by_name_are_instruments():
 
 def test_an_estimator_without_its_rope_refuses_with_the_reason():
     frames, _ = pictures(SHIFTS[:5])
-    found = Tracked("x", template(0.0, Start()), PendulumSmoother())(frames, CAMERA_FILE)
+    found = optical_flow()(frames, CAMERA_FILE)
     assert {m.status for m in found} == {"refused"}
     assert "needs rope lengths" in found[0].reason
     short = conclude([Observation(0.0, centre=(160.0, 120.0))], CAMERA_FILE, ZeroTilt())
@@ -433,7 +438,7 @@ def test_scans_that_cannot_be_are_refused(tmp_path):
     with pytest.raises(RecordError, match=r"data.parquet: it cannot be read as scans"):
         read_scans(tmp_path, np.eye(4))
     for column, values, why in (("x [m]", ["a", "b"], "it cannot be read as scans"), (COLUMNS[0], [None, 2], "row 1")):
-        rows = dict.fromkeys(COLUMNS, [1, 2]) | {column: values}
+        rows = {key: [1, 2] for key in COLUMNS} | {column: values}
         pq.write_table(pa.table(rows), tmp_path / "data.parquet")
         with pytest.raises(RecordError, match=rf"data.parquet: .*{why}"):
             read_scans(tmp_path, np.eye(4))

@@ -357,7 +357,7 @@ def sensed(tmp_path, monkeypatch):
 
 
 def commit(folder, clips="ab"):
-    digests = {clip: files._sensors_sha256(folder, clip) for clip in clips}
+    digests = {clip: files._folder_sha256(folder / "clips" / clip) for clip in clips}
     public = Published("open", season.VERSION, "", "", dict.fromkeys(clips, 36), ("imu",), digests)
     (folder / "clips" / "season.json").write_text(json.dumps(msgspec.to_builtins(public)))
 
