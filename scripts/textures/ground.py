@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -246,11 +245,3 @@ TEXTURES: dict[str, Callable[[np.random.Generator], Image]] = {
     "bauxite": bauxite,
     "sulphur": sulphur,
 }
-
-
-def write_all(folder: Path) -> None:
-    """Write every ground texture as JPEG into a folder; the same bytes each time."""
-    for seed, (name, make) in enumerate(TEXTURES.items(), start=100):
-        picture = np.asarray(np.clip(make(np.random.default_rng(seed)), 0, 255).round(), np.uint8)
-        path = folder / f"{name}.jpg"
-        cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
