@@ -147,14 +147,8 @@ def water(rng: np.random.Generator) -> Image:
     tilt = tilt / tilt.std() + 0.30 * (slope_x**2 + slope_y**2) / (slope_x**2 + slope_y**2).mean()
     cloud = fractal(SIZE, rng, slope=2.6, low=2, high=40)
     light = tilt + 1.2 * (cloud - 0.5)
-    stops = [
-        (-2.5, (43, 50, 47)),
-        (-0.6, (55, 63, 59)),
-        (0.5, (65, 73, 69)),
-        (1.6, (82, 91, 88)),
-        (3.2, (118, 127, 126)),
-    ]
-    return ramp(light, [(at, (r, g, b)) for at, (r, g, b) in stops])
+    deep = [(-2.5, (43, 50, 47)), (-0.6, (55, 63, 59)), (0.5, (65, 73, 69))]
+    return ramp(light, [*deep, (1.6, (82, 91, 88)), (3.2, (118, 127, 126))])
 
 
 def seams(rng: np.random.Generator, *, rows: int, columns: int) -> tuple[Image, Image]:
