@@ -152,7 +152,10 @@ def run(
     check_new_folder(out, BenchError)
     season = published(folder)
     instrument = checked(instrument)
-    sensors = [name for kind in _sensors(track, season.sensors) for name in SENSORS[kind]]
+    try:
+        sensors = [name for kind in sensors_of(track, season.sensors) for name in SENSORS[kind]]
+    except ValueError as problem:
+        raise BenchError(str(problem)) from None
     display = "rope" in track.split("+")
     about = MethodDescription(method or instrument.name, track, season.name)
     try:
@@ -169,7 +172,7 @@ def run(
         try:
             subject: Instrument = instrument
             if sensors:
-                subject = instrument.with_sensors(sensor_folders(folder, season, name, track))
+                subject = instrument.with_sensors(sensor_folders(folder, season, name, sensors))
             measurements = measure(open_source(video), camera, subject, source=name).measurements
         except RecordError as problem:
             measurements = (Measurement(status="refused", reason=str(problem)),) * frames
@@ -201,13 +204,6 @@ def written(clip: str, measurements: Sequence[Measurement], seconds: float) -> s
         angles = ("" if a is None else f"{math.degrees(a):.6f}" for a in (m.alpha, *ends))
         table.writerow([clip, frame, m.status, *angles, f"{seconds:.6f}"])
     return text.getvalue()
-
-
-def _sensors(track: str, sensors: Sequence[str]) -> tuple[str, ...]:
-    try:
-        return sensors_of(track, sensors)
-    except ValueError as problem:
-        raise BenchError(str(problem)) from None
 
 
 def read(folder: Path, season: Published) -> Entry:
