@@ -136,9 +136,9 @@ def _means(footage: Footage) -> tuple[Quantity, tuple[Quantity, Quantity]]:
     """Mean luminance, and red and blue over green, with their spread from frame to frame."""
     means = np.array([to_linear(frame[::2, ::2]).mean(axis=(0, 1)) for frame in footage.rgb])
     level = _spread(means @ (0.2126, 0.7152, 0.0722))
-    if footage.grey:
-        return level, (unknown("the picture is grey"), unknown("the picture is grey"))
-    return level, (_spread(means[:, 0] / means[:, 1]), _spread(means[:, 2] / means[:, 1]))
+    red, green, blue = means.T
+    why = "the picture is grey" if footage.grey else "" if green.all() else "a frame shows no green"
+    return level, (unknown(why), unknown(why)) if why else (_spread(red / green), _spread(blue / green))
 
 
 def _spread(values: np.ndarray) -> Quantity:
