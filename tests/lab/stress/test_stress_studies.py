@@ -220,7 +220,11 @@ class Wrong:
     ("changes", "said"),
     [
         ({}, "must return a simgrab.Estimate, got dict"),
-        ({"alpha": np.zeros(5)}, r"one value for each of 20 frames, got the shape \(5,\)"),
+        ({"alpha": np.zeros(5)}, r"alpha must have the shape \(20,\), got \(5,\)"),
+        ({"alpha": None}, "alpha is None"),
+        ({"beta": "steep"}, "beta must hold numbers, got 'steep'"),
+        ({"status": "refused", "offset": np.zeros(2)}, r"offset must have the shape \(3,\), got \(2,\)"),
+        ({"intervals": (replace(ENDS, beta=np.zeros(1)),)}, r"intervals: beta must have the shape \(2,\), got \(1,\)"),
         ({"alpha": np.full(20, np.nan)}, "alpha is NaN in every frame"),
         ({"alpha": np.full(20, 5.0)}, "alpha reaches 5 rad, beyond the horizontal; angles are in radians"),
         ({"beta": 3.0}, "beta reaches 3 rad, beyond the horizontal; angles are in radians"),
