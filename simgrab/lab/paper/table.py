@@ -10,13 +10,7 @@ import numpy as np
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.lab.paper.law import camera, draw
 from simgrab.lab.paper.paper import PaperStudy
-from simgrab.model.geometry import (
-    PAPER_FOCAL_LENGTH_MM,
-    PAPER_PIXELS_PER_MM,
-    Array,
-    focal_length_px,
-    pixels_per_mm,
-)
+from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array, focal_length_px, pixels_per_mm
 
 
 class TableRow(NamedTuple):

@@ -11,18 +11,7 @@ from simgrab.errors import RecordError
 from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.lab.rivals.contract import Method, Sensors, Swing, refusing
-from simgrab.lab.rivals.kalman import (
-    START_SD,
-    STEP_S,
-    Pendulum,
-    advance,
-    averaged,
-    filled,
-    grid,
-    kalman,
-    silent,
-    swing,
-)
+from simgrab.lab.rivals.kalman import START_SD, STEP_S, Pendulum, advance, averaged, filled, grid, kalman, silent, swing
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
 
 BIAS_SD, BIAS_WALK = 0.15, 2e-5  # of a gyroscope: rad/s at turn-on, rad/s²/√Hz

@@ -17,15 +17,7 @@ from simgrab.errors import RecordError, first_line
 from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.inertial.readings import check_times, numbers
 from simgrab.lab.rivals.contract import Series, Swing
-from simgrab.lab.rivals.kalman import (
-    START_SD,
-    Pendulum,
-    advance,
-    averaged,
-    grid,
-    kalman,
-    swing,
-)
+from simgrab.lab.rivals.kalman import START_SD, Pendulum, advance, averaged, grid, kalman, swing
 from simgrab.model.geometry import Array
 
 COLUMNS = ("timestamp [ns]", "x [m]", "y [m]", "z [m]")

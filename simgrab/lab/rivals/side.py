@@ -14,15 +14,7 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate.inertial.readings import STAMP, check_times, numbers, read_description, read_table
 from simgrab.io import pictures
 from simgrab.lab.rivals.contract import Series, Swing
-from simgrab.lab.rivals.kalman import (
-    START_SD,
-    Pendulum,
-    advance,
-    averaged,
-    grid,
-    kalman,
-    swing,
-)
+from simgrab.lab.rivals.kalman import START_SD, Pendulum, advance, averaged, grid, kalman, swing
 from simgrab.model.geometry import Array
 
 MOST_GAP_S = 1.0  # between readings

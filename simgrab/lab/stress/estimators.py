@@ -24,12 +24,7 @@ class Estimating(Protocol):
     """What the laboratory asks of an estimator, which can be made without arguments; see `Estimator.estimate`."""
 
     def estimate(
-        self,
-        pixels: Array,
-        calibration: Calibration,
-        *,
-        rope_length: Array | None = None,
-        time: Array | None = None,
+        self, pixels: Array, calibration: Calibration, *, rope_length: Array | None = None, time: Array | None = None
     ) -> Estimate:
         r"""Estimate from one record, whose arrays are read-only.
 
