@@ -96,7 +96,7 @@ class PaperStudy:
     expected_cos: float
 
 
-def study(settings: PaperSettings, report: Callable[[str], None] = lambda _: None) -> PaperStudy:
+def study(settings: PaperSettings, report: Callable[[str], None]) -> PaperStudy:
     """Run section 4.4.
 
     Parameters
