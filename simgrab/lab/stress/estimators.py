@@ -124,14 +124,15 @@ def flaw(estimate: Any, frames: int) -> str:
         return "" if estimate.reason else "a refusal needs a reason"
     if estimate.alpha is None:
         return "alpha is None, which is of refusals alone"
-    if np.isnan(np.asarray(estimate.alpha, float)).all():
+    alpha = np.asarray(estimate.alpha, float)
+    if np.isnan(alpha).all():
         return "alpha is NaN in every frame; estimate from the frames whose pixels are finite, or refuse the record"
-    for key, value in (("beta", estimate.beta), ("sigma", estimate.sigma), ("alpha", estimate.alpha)):
+    for key, value in (("beta", estimate.beta), ("sigma", estimate.sigma), ("alpha", alpha)):
         sizes = np.abs(np.asarray(value, float))
         largest = np.max(sizes, where=np.isfinite(sizes), initial=0.0)
         if largest > np.pi / 2:
             return f"{key} reaches {largest:.4g} rad, beyond the horizontal; angles are in radians"
-    if (np.asarray(estimate.alpha, float) < 0).any():
+    if (alpha < 0).any():
         return "alpha is below 0; it is the angle from gravity, whatever the direction"
     if not isinstance(estimate.intervals, tuple) or not all(isinstance(i, Intervals) for i in estimate.intervals):
         return "intervals must be a tuple of Intervals"
