@@ -258,13 +258,7 @@ def _read(folder: Path, season: Published) -> tuple[Entry | None, list[str]]:
 
 
 def _answers(path: Path, clip: str, count: int) -> Answers:
-    """Read one clip's answers.
-
-    Raises
-    ------
-    BenchError
-        At the first line that does not keep to the format.
-    """
+    """Read one clip's answers; raises `BenchError` at the first line that does not keep to the format."""
     text = read_text(path, BenchError, most_bytes=MOST_BYTES)
     lines = csv.reader(io.StringIO(text), strict=True)
     rows = list[tuple[str, float, float, float, float]]()
