@@ -207,18 +207,7 @@ def written(clip: str, measurements: Sequence[Measurement], seconds: float) -> s
 
 
 def read(folder: Path, season: Published) -> Entry:
-    """Read an entry, and check its format.
-
-    Parameters
-    ----------
-    folder : Path
-    season : Published
-
-    Raises
-    ------
-    BenchError
-        In one line the first of its problems, and how many there are; see `problems`.
-    """
+    """Read an entry; raises `BenchError` with the first of its `problems`, and how many there are."""
     entry, found = _read(folder, season)
     if found:
         more = f" (and {len(found) - 1} more; see simgrab bench check)" if len(found) > 1 else ""
@@ -228,7 +217,7 @@ def read(folder: Path, season: Published) -> Entry:
 
 
 def problems(folder: Path, season: Published) -> list[str]:
-    """List what is wrong with an entry's format: file, line and what is right; parameters as those of `read`."""
+    """List what is wrong with an entry's format: file, line and what is right."""
     return _read(folder, season)[1]
 
 

@@ -97,14 +97,7 @@ class PaperStudy:
 
 
 def study(settings: PaperSettings, report: Callable[[str], None]) -> PaperStudy:
-    """Run section 4.4.
-
-    Parameters
-    ----------
-    settings : PaperSettings
-    report : callable
-        Called with what is being done.
-    """
+    """Run section 4.4; ``report`` is called with what is being done."""
     rivals: dict[str, Estimator] = {
         "known": PaperIteration(axis="known", axis_direction=AXIS_DIRECTION),
         "estimated": PaperIteration(),

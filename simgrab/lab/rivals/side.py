@@ -132,15 +132,7 @@ class LeanReadings:
 
 
 def filtered(readings: list[LeanReadings], lengths: Series, time: Array) -> Swing:
-    """Swing at instants (n,), s, by a Kalman filter of a pendulum whose tangents of lean are read.
-
-    Parameters
-    ----------
-    readings : list of LeanReadings
-    lengths : Series
-        Rope lengths, |OA|, m.
-    time : ndarray, shape (n,)
-    """
+    """Swing at instants (n,), s, by a Kalman filter of a pendulum whose tangents of lean and length, m, are read."""
     seen = [np.isfinite(one.values).all(axis=1) for one in readings]
     for one, some in zip(readings, seen, strict=True):
         if some.sum() < 2:

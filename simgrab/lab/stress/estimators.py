@@ -45,18 +45,7 @@ class Estimating(Protocol):
 
 
 def find(name: str) -> Estimating:
-    """Make an estimator.
-
-    Parameters
-    ----------
-    name : str
-        In `simgrab.instrument.estimate.ESTIMATORS`, or ``package.module:Class``.
-
-    Raises
-    ------
-    StressError
-        Naming what there is.
-    """
+    """Make an estimator of `ESTIMATORS`, or ``package.module:Class``; raises `StressError` naming what there is."""
     if name in ESTIMATORS:
         return ESTIMATORS[name]()
     module, colon, attribute = name.partition(":")
