@@ -1,5 +1,6 @@
 """Each rival recovers the swing where its assumptions hold, and fails where they do not; bad sensors get a reason."""
 
+import functools
 from dataclasses import replace
 
 import cv2
@@ -32,17 +33,25 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 FRAMES = 180
 MOUNTS = ("jib-head", "rope", "grab", "camera")
-TURNING = {"swing.work": {"model": "turn", "rope_length_m": 18.0, "slew_rpm": 0.6, "ramp_s": 6.0, "wait_s": 5.0}}
+TURN = {"model": "turn", "rope_length_m": 18.0, "slew_rpm": 0.6, "ramp_s": 6.0, "wait_s": 5.0}
+CLIPS = {
+    "calm": ("adis16448", {}),
+    "exact": ("none", {}),
+    "turning": ("adis16448", {"swing.work": TURN}),
+    "tilted": ("adis16448", {"camera.beta_deg": 5.0, "camera.tilt_azimuth_deg": 60.0}),
+}
 
 
-def clip(noise, **changes):
+@functools.cache
+def clip(name):
     """Sensors of a clip of 20 s with a level camera at the rope exit, the frames' times, and the true swing."""
+    noise, changes = CLIPS[name]
     sensors = {mount: {"model": "imu", "mount": mount, "noise": noise} for mount in MOUNTS}
     sensors |= {"tilt": {"model": "inclinometer", "mount": "rope"}, "hoist": {"model": "hoist-encoder"}}
     keys = {f"sensors.{name.replace('-', '_')}": sensor for name, sensor in sensors.items()}
     keys |= {f"camera.offset_{axis}_m": 0.0 for axis in "xyz"}
     keys |= {"camera.beta_deg": 0.0, "camera.mount": {"model": "fixed"}, "frames": FRAMES}
-    scene = simgrab.load("free-swing", keys | {key.replace("__", "."): value for key, value in changes.items()})
+    scene = simgrab.load("free-swing", keys | changes)
     recorded = simgrab.sensors(scene)
     imus = {
         mount: ImuReadings(r.stamp_ns / 1e9, r.values[:, :3], r.values[:, 3:], np.eye(3))
@@ -74,21 +83,6 @@ def _target(scene, time):
     return target_angles(places, calibration_of(scene))
 
 
-@pytest.fixture(scope="module")
-def calm():
-    return clip("adis16448")
-
-
-@pytest.fixture(scope="module")
-def exact():
-    return clip("none")
-
-
-@pytest.fixture(scope="module")
-def turning():
-    return clip("adis16448", **{key.replace(".", "__"): value for key, value in TURNING.items()})
-
-
 def rmse(found, true):
     """RMSE in degrees over the frames with an angle, which must be most."""
     assert np.isfinite(found.alpha).mean() > 0.9
@@ -96,8 +90,8 @@ def rmse(found, true):
 
 
 @pytest.mark.parametrize(("method", "bound"), [("gyro-pendulum", 0.2), ("schaper", 0.2), ("kim", 0.15), ("jung", 0.15)])
-def test_filters_recover_a_free_swing(calm, method, bound):
-    sensors, time, true = calm
+def test_filters_recover_a_free_swing(method, bound):
+    sensors, time, true = clip("calm")
     found = INERTIAL[method](sensors, time)
     assert rmse(found, true) < bound
     converged = (time > 5) & (found.reason == "")
@@ -109,8 +103,8 @@ def test_filters_recover_a_free_swing(calm, method, bound):
         assert np.degrees(np.abs(turn).max()) < 3
 
 
-def test_an_accelerometer_on_the_grab_measures_next_to_nothing(exact):
-    sensors, time, true = exact
+def test_an_accelerometer_on_the_grab_measures_next_to_nothing():
+    sensors, time, true = clip("exact")
     nothing = np.degrees(np.sqrt(np.mean(true[0] ** 2)))
     lean = np.stack([true[0] * np.cos(true[1]), true[0] * np.sin(true[1])]).ravel()
     gains = {}
@@ -124,22 +118,22 @@ def test_an_accelerometer_on_the_grab_measures_next_to_nothing(exact):
     assert rmse(INERTIAL["accelerometer-rope"](sensors, time), true) < 0.3
 
 
-def test_attitude_systems_on_the_grab_follow_its_apparent_gravity(exact):
+def test_attitude_systems_on_the_grab_follow_its_apparent_gravity():
     pytest.importorskip("imufusion")
-    sensors, time, true = exact
+    sensors, time, true = clip("exact")
     assert rmse(INERTIAL["ahrs-grab"](sensors, time), true) > 1
     assert rmse(INERTIAL["gao"](sensors, time), true) > 1
 
 
-def test_only_who_knows_the_pivots_acceleration_stays_right_when_the_jib_moves(turning):
-    sensors, time, true = turning
+def test_only_who_knows_the_pivots_acceleration_stays_right_when_the_jib_moves():
+    sensors, time, true = clip("turning")
     assert rmse(INERTIAL["kim"](sensors, time), true) < 0.15
     for method in ("gyro-pendulum", "schaper", "jung"):
         assert rmse(INERTIAL[method](sensors, time), true) > 0.25
 
 
 def test_jung_finds_a_tilt_that_the_template_takes_for_swing():
-    sensors, time, true = clip("adis16448", camera__beta_deg=5.0, camera__tilt_azimuth_deg=60.0)
+    sensors, time, true = clip("tilted")
     assert rmse(INERTIAL["jung"](sensors, time), true) < 0.2
     level = Swing.of(sensors.target.at(time))
     assert rmse(level, true) > 3
@@ -156,8 +150,8 @@ def test_without_its_sensors_a_method_says_which_it_needs(method):
 
 
 @pytest.mark.parametrize("method", ["accelerometer-rope", "schaper", "gyro-pendulum", "kim", "jung"])
-def test_gaps_jumping_clocks_and_other_times_give_reasons(calm, method):
-    sensors, time, true = calm
+def test_gaps_jumping_clocks_and_other_times_give_reasons(method):
+    sensors, time, true = clip("calm")
     heard = {}
     for mount, imu in sensors.imus.items():
         kept = (imu.time < 9) | (imu.time > 10)  # rows are missing
