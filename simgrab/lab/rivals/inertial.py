@@ -144,10 +144,9 @@ def kim(sensors: Sensors, time: Array) -> Swing:
     pendulum = Pendulum(rope.at(steps)[:, 0], rate)
     # The inclinometer's own acceleration takes its share of apparent gravity: (θ + a/g)(1 − r/l).
     share = (1 - ROPE_M / pendulum.equivalent)[:, None]
-    filtered = kalman(
-        averaged(tilt.time - INCLINOMETER_LAG_S, tilt.values, steps),
-        START_SD, advance(pendulum.rates(4)), pendulum.noise(4), share[..., None] * np.eye(2, 4),
-        np.full(2, INCLINOMETER_SD), drive=pendulum.drive(4, force), known=share * force / STANDARD_GRAVITY,
+    filtered = pendulum.filtered(
+        averaged(tilt.time - INCLINOMETER_LAG_S, tilt.values, steps), share[..., None] * np.eye(2, 4),
+        np.full(2, INCLINOMETER_SD), drive=pendulum.drive(force), known=share * force / STANDARD_GRAVITY,
     )  # fmt: skip
     found = swing(time, steps, *filtered, imu.time)
     outside = (time < tilt.time[0]) | (time > tilt.time[-1])

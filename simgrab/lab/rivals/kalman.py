@@ -116,12 +116,14 @@ class Pendulum:
         q[:, SPEED] = (FORCING * STEP_S / self.equivalent**2)[:, None]
         return q
 
-    def drive(self, d: int, acceleration: Array) -> Array:
-        """Return what the pivot's acceleration (n, 2), m/s², adds in a step, shape (n, d)."""
-        u = np.zeros((len(self.length), d))
+    def drive(self, acceleration: Array) -> Array:
+        """Return what the pivot's acceleration (n, 2), m/s², adds in a step, shape (n, 4)."""
         push = -acceleration / self.equivalent[:, None]
-        u[:, LEAN], u[:, SPEED] = push * STEP_S**2 / 2, push * STEP_S
-        return u
+        return np.hstack([push * STEP_S**2 / 2, push * STEP_S])
+
+    def filtered(self, readings: Array, reading: Array, reading_sd: Array, **known: Array) -> tuple[Array, Array]:
+        """States (n, 4) and their covariances by `kalman`, of the pendulum alone."""
+        return kalman(readings, START_SD, advance(self.rates(4)), self.noise(4), reading, reading_sd, **known)
 
 
 def advance(rates: Array) -> Array:

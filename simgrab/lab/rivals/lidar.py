@@ -17,7 +17,7 @@ from simgrab.errors import RecordError, first_line
 from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.inertial.readings import check_times, numbers
 from simgrab.lab.rivals.contract import Series, Swing
-from simgrab.lab.rivals.kalman import START_SD, Pendulum, advance, averaged, grid, kalman, swing
+from simgrab.lab.rivals.kalman import Pendulum, averaged, grid, swing
 from simgrab.model.geometry import Array
 
 COLUMNS = ("timestamp [ns]", "x [m]", "y [m]", "z [m]")
@@ -168,6 +168,5 @@ def lidar(scans: Scans, rest: Scans, time: Array, jib_m: float) -> Swing:
     steps = grid(lean)
     length = interpolated(steps, at, depth[:, None]).mean() * np.ones(len(steps))
     pendulum = Pendulum(length, np.zeros(len(steps)))
-    readings, motion = averaged(at, lean.values, steps), advance(pendulum.rates(4))
-    states = kalman(readings, START_SD, motion, pendulum.noise(4), np.eye(2, 4), np.full(2, LEAN_SD))
+    states = pendulum.filtered(averaged(at, lean.values, steps), np.eye(2, 4), np.full(2, LEAN_SD))
     return swing(time, steps, *states, at, MOST_GAP_S)
