@@ -271,5 +271,6 @@ def test_a_replay_shows_diagnostics_and_its_picture(tmp_path):
 
 def test_a_verb_takes_one_thing_at_a_time():
     assert run("stress", "focal", "--all")[0] == 2
+    assert "--at goes with --replay" in run("stress", "focal", "--at", "5")[2]
     assert run("stress", "focal", "--workers", 0)[0] == 2
     assert "cannot write to /proc/nowhere" in run("stress", "focal", "--out", "/proc/nowhere")[2]
