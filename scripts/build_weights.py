@@ -262,9 +262,7 @@ LAST = "pose.onnx"  # with it, a folder is a detector
     help="Train the detector once without a collection of shapes, in --work; the nets are not copied.",
 )
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Gets the nets.  [default: assets/weights; with --quick, in --work]",
+    "--out", type=click.Path(path_type=Path), help="Gets the nets.  [default: assets/weights; with --quick, in --work]"
 )
 @click.option("--work", type=click.Path(path_type=Path), help="Datasets and checkpoints.  [default: runs/weights]")
 @click.option("--workers", default=2, show_default=True, help="Processes that draw.")

@@ -22,13 +22,7 @@ _SECONDS = 60.0
 
 
 class Page:
-    """A page of a browser.
-
-    Parameters
-    ----------
-    sends, receives : int
-        File descriptors.
-    """
+    """A page of a browser, which is written to and read from by file descriptors."""
 
     def __init__(self, sends: int, receives: int) -> None:
         self._sends, self._receives, self._left, self._count = sends, receives, b"", 0

@@ -45,23 +45,9 @@ def fuzz(
     kinds: Sequence[str], count: int, seed: int, out: Path, *, made: Path | None = None, limits: Limits | None = None,
     progress: Callable[[Tally], None] | None = None,
 ) -> list[Tally]:  # fmt: skip
-    """Open hostile inputs.
+    """Open ``count`` hostile inputs, shared out among kinds of `generators.KINDS`, and keep failing ones in ``out``.
 
-    Parameters
-    ----------
-    kinds : sequence of str
-        See `scripts.fuzzing.generators.KINDS`.
-    count : int
-        Of inputs, shared out among the kinds.
-    seed : int
-    out : Path
-        Folder of failing inputs.
-    made : Path, optional
-        Folder of `scripts.fuzzing.corpus.make`; by default it is made first.
-    limits : Limits, optional
-        Of each input.
-    progress : callable, optional
-        Called with each kind's tally once it is done.
+    ``made`` is a folder of `corpus.make`, which is made first by default; ``progress`` gets each kind's tally.
     """
     tallies = []
     with tempfile.TemporaryDirectory(prefix="fuzz-") as temporary:

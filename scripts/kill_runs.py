@@ -109,24 +109,15 @@ def cases(place: Path) -> dict[str, Case]:
 
 
 class Killer:
-    """Kills commands in a folder of its own.
-
-    Attributes
-    ----------
-    expected : dict of str to dict of str to str
-        By command, the files of the undisturbed run with their digests.
-    counts : counter of (command, kind, what)
-        What is ``kills``, ``ended`` (of those, the commands that were not done before) or one of `FAULTS`.
-    notes : list of str
-        What was found wrong.
-    """
+    """Kills commands in a folder of its own; ``notes`` says what was found wrong."""
 
     def __init__(self, place: Path, only: Sequence[str] = ()) -> None:
         self.place = place.resolve()
         every = cases(self.place)
         self.cases = {name: every[name] for name in only or every}
         self.seconds: dict[str, float] = {}
-        self.expected: dict[str, dict[str, str]] = {}
+        self.expected: dict[str, dict[str, str]] = {}  # by command, the undisturbed run's files with their digests
+        # By command, kind and what: "kills", "ended" (of these, the commands that were not done before), or a fault.
         self.counts, self.notes = Counter[tuple[str, str, str]](), list[str]()
 
     def prepare(self) -> None:

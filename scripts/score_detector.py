@@ -9,6 +9,7 @@ YOLO's or COCO's layout, such as of real frames, are scored apart by their boxes
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,13 @@ def measure(
 ) -> dict[str, Any]:
     """Score a detector on rendered datasets together, and on those of boxes alone together."""
     looks, some, seconds = opened(name), list[detection.Case](), list[float]()
+
+    def detected(path: Path, rows: Sequence[frame_files.PictureRow]) -> Sequence[Detection]:
+        with bar(str(path), shown=True) as progress:
+            watched = detections.detect_dataset(path, rows, looks, progress)
+        seconds.extend(watched.seconds)
+        return watched.detections
+
     rendered = [path for path in paths if frame_files.is_dataset(path)]
     others = boxed.read_all([path for path in paths if path not in rendered], grab_classes)
     for path in rendered:
@@ -47,18 +55,12 @@ def measure(
             dataset = dataset.split(split)
         elif any(row.split == "train" for row in dataset.rows):
             click.echo(f"{path}: frames of the split train are scored too; --split test leaves them out", err=True)
-        with bar(str(path), shown=True) as progress:
-            watched = detections.detect_dataset(dataset.path, dataset.rows, looks, progress)
-        some += detection.cases(dataset, watched.detections)
-        seconds += watched.seconds
+        some += detection.cases(dataset, detected(dataset.path, dataset.rows))
     rows, found = list[Boxed](), list[Detection]()
     for one in others:
         kept = one.split(split) if split else one
-        with bar(str(one.path), shown=True) as progress:
-            watched = detections.detect_dataset(one.path, kept.rows, looks, progress)
         rows += kept.rows
-        found += watched.detections
-        seconds += watched.seconds
+        found += detected(one.path, kept.rows)
     if not (some or rows):
         raise DatasetError(f"{', '.join(map(str, paths))}: no frames in the split {split!r}; render more frames")
     times = {"median_ms": 1e3 * float(np.median(seconds)), "p95_ms": 1e3 * float(np.quantile(seconds, 0.95))}

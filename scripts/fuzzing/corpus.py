@@ -18,7 +18,6 @@ from simgrab.instrument.run.run import measure
 from simgrab.instrument.source import camera_beside, fitting, open_source
 from simgrab.model import calibration, scenes
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array
 
 DATASET, VIDEO, RUN, RUN_OF_VIDEO = "dataset", "swing.mp4", "run", "run-of-video"
 TILT, RECORD = "tilt.toml", "record.csv"
@@ -105,18 +104,13 @@ def _measured(source: Path, out: Path) -> None:
 
 
 def _record() -> str:
-    rows = "".join(f"{u:.2f},{v:.2f},{rope:.2f},{t:.3f}\n" for (u, v), rope, t in zip(*_swing(40), strict=True))
+    """Write a swing of 3° on a rope that is hoisted."""
+    time = np.arange(40) / 9.0
+    phase, size = np.sqrt(9.81 / 15) * time, 411.2 * np.deg2rad(3)
+    u, v = size * np.cos(phase) + WIDTH / 2 + 5, size * 0.5 * np.sin(phase) + HEIGHT / 2
+    columns = zip(u, v, 15 + 3 * np.cos(time / 2), time, strict=True)
+    rows = "".join(f"{u:.2f},{v:.2f},{rope:.2f},{t:.3f}\n" for u, v, rope, t in columns)
     return f"u_px,v_px,rope_length_m,time_s\n{rows}"
-
-
-def _swing(n: int) -> tuple[Array, Array, Array]:
-    time = np.arange(n) / 9.0
-    phase = np.sqrt(9.81 / 15) * time
-    pixels = 411.2 * np.deg2rad(3) * np.stack([np.cos(phase), 0.5 * np.sin(phase)], axis=-1) + (
-        WIDTH / 2 + 5,
-        HEIGHT / 2,
-    )
-    return pixels, 15 + 3 * np.cos(time / 2), time
 
 
 def pictures() -> Iterator[tuple[str, bytes]]:

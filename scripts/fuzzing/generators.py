@@ -32,27 +32,13 @@ Made = tuple[str, Mapping[str, bytes]]
 
 @dataclass(frozen=True)
 class Case:
-    """One input: the files that a user would hand to simgrab.
-
-    Attributes
-    ----------
-    kind : str
-    number : int
-        Among the inputs of its kind.
-    generator : str
-        ``"structure"`` or ``"bytes"``.
-    content : dict of str to bytes
-        By path below the folder that they are written to. Names that are no UTF-8 hold surrogates, as Python decodes
-        them.
-    target : str
-        The file or folder among them that simgrab opens.
-    """
+    """One input: the files that a user would hand to simgrab."""
 
     kind: str
-    number: int
-    generator: str
-    content: Mapping[str, bytes]
-    target: str
+    number: int  # among the inputs of its kind
+    generator: str  # "structure" or "bytes"
+    content: Mapping[str, bytes]  # by path below the folder that they are written to, with surrogates for no UTF-8
+    target: str  # the file or folder among them that simgrab opens
 
     def write(self, folder: Path) -> None:
         """Write all files below a folder."""
@@ -71,21 +57,11 @@ class Case:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of input.
+    """A kind of input."""
 
-    Attributes
-    ----------
-    structured : callable, optional
-        Makes the files of one input of random numbers, for every second input.
-    seeds : tuple of Made
-        Sound ones for the byte mutator.
-    damaged : tuple of str
-        Names of the files that it may damage; empty for all.
-    """
-
-    structured: Callable[[Random], Made] | None
-    seeds: tuple[Made, ...]
-    damaged: tuple[str, ...] = ()
+    structured: Callable[[Random], Made] | None  # makes every second input of random numbers
+    seeds: tuple[Made, ...]  # sound ones for the byte mutator
+    damaged: tuple[str, ...] = ()  # names of the files that it may damage; empty for all
 
 
 def _alone(suffix: str, data: bytes) -> Made:
@@ -228,17 +204,7 @@ KINDS: dict[str, Callable[[Path], Kind]] = {
 
 
 def cases(name: str, count: int, seed: int, made: Path) -> Iterator[Case]:
-    """Make inputs of a kind, by its generators in turns; the same for the same seed and versions of libraries.
-
-    Parameters
-    ----------
-    name : str
-        Of the kind.
-    count : int
-    seed : int
-    made : Path
-        Folder of `scripts.fuzzing.corpus.make`.
-    """
+    """Make inputs of a kind, from a folder of `corpus.make`; the same for the same seed and versions of libraries."""
     kind = KINDS[name](made)
     for number in range(count):
         rng = Random(f"{seed}/{name}/{number}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -148,14 +147,8 @@ def water(rng: np.random.Generator) -> Image:
     tilt = tilt / tilt.std() + 0.30 * (slope_x**2 + slope_y**2) / (slope_x**2 + slope_y**2).mean()
     cloud = fractal(SIZE, rng, slope=2.6, low=2, high=40)
     light = tilt + 1.2 * (cloud - 0.5)
-    stops = [
-        (-2.5, (43, 50, 47)),
-        (-0.6, (55, 63, 59)),
-        (0.5, (65, 73, 69)),
-        (1.6, (82, 91, 88)),
-        (3.2, (118, 127, 126)),
-    ]
-    return ramp(light, [(at, (r, g, b)) for at, (r, g, b) in stops])
+    deep = [(-2.5, (43, 50, 47)), (-0.6, (55, 63, 59)), (0.5, (65, 73, 69))]
+    return ramp(light, [*deep, (1.6, (82, 91, 88)), (3.2, (118, 127, 126))])
 
 
 def seams(rng: np.random.Generator, *, rows: int, columns: int) -> tuple[Image, Image]:
@@ -246,11 +239,3 @@ TEXTURES: dict[str, Callable[[np.random.Generator], Image]] = {
     "bauxite": bauxite,
     "sulphur": sulphur,
 }
-
-
-def write_all(folder: Path) -> None:
-    """Write every ground texture as JPEG into a folder; the same bytes each time."""
-    for seed, (name, make) in enumerate(TEXTURES.items(), start=100):
-        picture = np.asarray(np.clip(make(np.random.default_rng(seed)), 0, 255).round(), np.uint8)
-        path = folder / f"{name}.jpg"
-        cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])

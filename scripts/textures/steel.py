@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 
@@ -96,14 +94,4 @@ def rope() -> Image:
     return ramp(stretch(value), [(0, (22, 21, 20)), (0.35, (58, 56, 53)), (0.75, (104, 101, 96)), (1, (150, 147, 140))])
 
 
-def write_all(folder: Path) -> None:
-    """Write every texture of steel into a folder; the same bytes each time."""
-    for make in (wear, rust, worn_steel, grease, rope):
-        image = np.clip(np.rint(make()), 0, 255).astype(np.uint8)
-        options = [
-            cv2.IMWRITE_JPEG_QUALITY,
-            88,
-            cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-            cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-        ]
-        cv2.imwrite(str(folder / f"{make.__name__}.jpg"), image[..., ::-1], options)
+TEXTURES = (wear, rust, worn_steel, grease, rope)

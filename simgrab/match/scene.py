@@ -28,6 +28,7 @@ from simgrab.model.scenario import Factor, OneOf, Scenario
 from simgrab.model.srgb import decoded, encoded
 from simgrab.reports import html
 from simgrab.reports.plots import Figure
+from simgrab.text import printable
 from simgrab.world.frames import frames
 
 BASE, TRAINED_ON = "quay-day", "training"
@@ -153,31 +154,28 @@ def scene_of(appearance: Appearance, *, night: bool = False) -> tuple[Scenario, 
         optics["vignetting_stops"] = _rounded(min(appearance.vignetting.value, 8.0))
     if appearance.blur.value is not None:
         optics["defocus_px"] = _rounded(min(appearance.blur.value, MOST_BLUR_PX))
-    if appearance.grey:
+    if appearance.footage.grey:
         optics["night_mode"] = "on"
     if amount := appearance.sharpness.amount:
         optics["sharpening"] = {"amount": _rounded(amount), "radius_px": appearance.sharpness.radius_px}
+    clip = _clip(appearance)
     data: dict[str, Any] = {
+        "name": "matched",
+        "frames": max(math.ceil(SECONDS * clip.get("frame_rate_hz", 9.0)), 1),
         "camera": {
             "width_px": width,
             "height_px": height,
-            "focal": {
-                "model": "pixels",
-                "focal_length_px": _focal_length_px(width, height),
-            },
+            "focal": {"model": "pixels", "focal_length_px": _focal_length_px(width, height)},
         },
         "swing": {"model": "dynamic"},
-        "clip": _clip(appearance),
+        "clip": clip,
         "optics": optics,
         "image": {"format": "png"},
     }
     if night:
         data["light"] = NIGHT
-    rate = data["clip"].get("frame_rate_hz", 9.0)
-    frames_wanted = max(math.ceil(SECONDS * rate), 1)
     if appearance.display.layout is not None:
         data["display"] = {"layout": msgspec.to_builtins(appearance.display.layout)}
-    data = {"name": "matched", "frames": frames_wanted} | data
     stops = 0.0
     if appearance.level.value is not None:
         stops, gains = _exposure(data, appearance)
@@ -234,7 +232,7 @@ def training_scene(appearance: Appearance, matched: Scenario) -> str:
         changes["optics.exposure.exposure_ev"] = 0.0
     for name, value in _sensor(appearance, 1.0).get("sensor", {}).items():
         changes[f"optics.sensor.{name}"] = value
-    if appearance.grey:
+    if appearance.footage.grey:
         changes["optics.night_mode"] = "on"
     if not matched.light.sun:
         changes["light"] = NIGHT
@@ -242,11 +240,7 @@ def training_scene(appearance: Appearance, matched: Scenario) -> str:
         changes["display.layout"] = msgspec.to_builtins(appearance.display.layout)
     changes |= {key: _rounded(low) for key, (low, _) in drawn.items()}
     straight = {"camera.distortion.k1": 0.0}  # small or upright pictures allow neither the lens nor the display
-    for left_out in (
-        {},
-        straight,
-        straight | {"display.layout": "none"},
-    ):
+    for left_out in ({}, straight, straight | {"display.layout": "none"}):
         try:
             scene = scenes.load(TRAINED_ON, left_out | changes, size=_size(appearance))
             break
@@ -260,7 +254,7 @@ def training_scene(appearance: Appearance, matched: Scenario) -> str:
     if appearance.grab.paint_rgb is not None:
         measured["grab.paint_rgb"] = OneOf((matched.grab.paint_rgb,))
     red, green, blue = matched.optics.white_balance
-    if not appearance.grey and (red, green, blue) != (1.0, 1.0, 1.0):
+    if not appearance.footage.grey and (red, green, blue) != (1.0, 1.0, 1.0):
         spread = (1 / CAST_SPREAD, 1.0, CAST_SPREAD)
         casts = tuple((_rounded(red * r), green, _rounded(blue * b)) for r in spread for b in spread)
         measured["optics.white_balance"] = OneOf(casts)
@@ -293,12 +287,8 @@ def _sensor(seen: Appearance, gain: float) -> dict[str, Any]:
         return {}
     shot, read_noise = shot / seen.sharpness.noise_gain, (read_noise or 0.0) / math.sqrt(seen.sharpness.noise_gain)
     well = min(max(gain / shot, 100.0), 1e6)
-    return {
-        "sensor": {
-            "full_well_e": _rounded(well),
-            "read_noise_e": _rounded(min(read_noise * well / gain, 1000.0)),
-        }
-    }
+    noise = min(read_noise * well / gain, 1000.0)
+    return {"sensor": {"full_well_e": _rounded(well), "read_noise_e": _rounded(noise)}}
 
 
 def _exposure(data: dict[str, Any], seen: Appearance) -> tuple[float, list[float]]:
@@ -350,7 +340,7 @@ def _comments(seen: Appearance, focal: str, base: str) -> str:
 
 
 def _commented(*lines: str) -> str:
-    return "".join(f"# {''.join(c if c.isprintable() else '?' for c in line)}\n" for line in lines) + "\n"
+    return "".join(f"# {printable(line)}\n" for line in lines) + "\n"
 
 
 def page(matched: Matched) -> str:
@@ -362,7 +352,7 @@ def page(matched: Matched) -> str:
         "match.html", name=theirs.footage.name, rows=rows,
         theirs=encode(theirs.footage.rgb[0][..., ::-1], "jpeg", 90),
         ours=encode(ours.footage.rgb[0][..., ::-1], "jpeg", 90),
-        figures=[(title, figure) for title, figure in _figures(theirs, ours)], scene=matched.scene,
+        figures=_figures(theirs, ours), scene=matched.scene,
     )  # fmt: skip
 
 

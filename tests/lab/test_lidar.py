@@ -8,6 +8,7 @@ import yaml
 
 import simgrab
 from simgrab.dataset import sensors as files
+from simgrab.dataset.tables import into
 from simgrab.errors import ScenarioError
 from simgrab.lab.sensors.lidar import LidarDevice, extinction
 from simgrab.model import geometry
@@ -129,14 +130,7 @@ def test_extinction_is_that_of_the_recommendation():
 
 def test_files_are_read_back(clean, tmp_path):
     scenario, scan = clean
-    from contextlib import contextmanager
-
-    @contextmanager
-    def writing(name):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        yield tmp_path / name
-
-    names = files.write(Recipe(scenario), writing)
+    names = files.write(Recipe(scenario), into(tmp_path))
     assert sorted(names) == sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file())
     data = pq.read_table(tmp_path / "sensors/clip_000/lidar0/data.parquet")
     assert data.column_names == ["timestamp [ns]", "x [m]", "y [m]", "z [m]", "ring"]

@@ -2,6 +2,8 @@ import re
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from simgrab.lab.paper import paper
 from simgrab.lab.paper.law import AXIS_DIRECTION, camera, draw
@@ -91,3 +93,10 @@ def test_a_seed_is_a_study():
     one, other = (draw(3, "x", 2, 10, beta=0.1, sigma=0.03, h=1600)[0] for _ in range(2))
     np.testing.assert_array_equal(one, other)
     assert not np.allclose(one, draw(4, "x", 2, 10, beta=0.1, sigma=0.03, h=1600)[0])
+
+
+@given(st.floats(0, 800), st.floats(-np.pi, np.pi), st.floats(0, 0.5))
+def test_the_papers_check_by_grab_width_cannot_fail(m, theta, any_beta):
+    """Section 4.6 compares α̂ with ψ, for arcsin(m·b/(x·l)) is the ray's angle; |ψ − α̂| ≤ β̂ for any β̂ whatever."""
+    alpha = np.arccos(np.clip(eq2_cos_alpha(m, theta, any_beta, 1644.82), -1, 1))
+    assert abs(np.arctan2(m, 1644.82) - alpha) <= any_beta + 1e-7

@@ -1,25 +1,29 @@
 """Each rival recovers the swing where its assumptions hold, and fails where they do not; bad sensors get a reason."""
 
+import functools
 from dataclasses import replace
 
 import cv2
 import msgspec
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import simgrab
 from simgrab.dataset.tables import calibration_of
 from simgrab.errors import CalibrationError, RecordError
 from simgrab.instrument.contract import Frame, flaw
-from simgrab.instrument.estimate import PendulumSmoother, ZeroTilt
+from simgrab.instrument.estimate import ZeroTilt
 from simgrab.instrument.estimate.chain import linear, prior, state_covariances
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.observation import Observation
-from simgrab.lab.rivals.camera import Tracked, conclude, kawai, matsuo, optical_flow, target_angles
+from simgrab.lab.rivals import tracking
+from simgrab.lab.rivals.camera import conclude, kawai, matsuo, optical_flow, target_angles
 from simgrab.lab.rivals.contract import Sensors, Series, Swing, read_series
 from simgrab.lab.rivals.inertial import INERTIAL, MOUNT
 from simgrab.lab.rivals.kalman import kalman
-from simgrab.lab.rivals.lidar import Scans, clusters, lidar, read_scans
+from simgrab.lab.rivals.lidar import COLUMNS, Scans, clusters, lidar, read_scans
 from simgrab.lab.rivals.marks import TAGS, Fiducial, Layered, Mark, circles, level_layers, target
 from simgrab.lab.rivals.tracking import flow, template
 from simgrab.model.calibration import Calibration
@@ -29,17 +33,25 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 FRAMES = 180
 MOUNTS = ("jib-head", "rope", "grab", "camera")
-TURNING = {"swing.work": {"model": "turn", "rope_length_m": 18.0, "slew_rpm": 0.6, "ramp_s": 6.0, "wait_s": 5.0}}
+TURN = {"model": "turn", "rope_length_m": 18.0, "slew_rpm": 0.6, "ramp_s": 6.0, "wait_s": 5.0}
+CLIPS = {
+    "calm": ("adis16448", {}),
+    "exact": ("none", {}),
+    "turning": ("adis16448", {"swing.work": TURN}),
+    "tilted": ("adis16448", {"camera.beta_deg": 5.0, "camera.tilt_azimuth_deg": 60.0}),
+}
 
 
-def clip(noise, **changes):
+@functools.cache
+def clip(name):
     """Sensors of a clip of 20 s with a level camera at the rope exit, the frames' times, and the true swing."""
+    noise, changes = CLIPS[name]
     sensors = {mount: {"model": "imu", "mount": mount, "noise": noise} for mount in MOUNTS}
     sensors |= {"tilt": {"model": "inclinometer", "mount": "rope"}, "hoist": {"model": "hoist-encoder"}}
     keys = {f"sensors.{name.replace('-', '_')}": sensor for name, sensor in sensors.items()}
     keys |= {f"camera.offset_{axis}_m": 0.0 for axis in "xyz"}
     keys |= {"camera.beta_deg": 0.0, "camera.mount": {"model": "fixed"}, "frames": FRAMES}
-    scene = simgrab.load("free-swing", keys | {key.replace("__", "."): value for key, value in changes.items()})
+    scene = simgrab.load("free-swing", keys | changes)
     recorded = simgrab.sensors(scene)
     imus = {
         mount: ImuReadings(r.stamp_ns / 1e9, r.values[:, :3], r.values[:, 3:], np.eye(3))
@@ -71,21 +83,6 @@ def _target(scene, time):
     return target_angles(places, calibration_of(scene))
 
 
-@pytest.fixture(scope="module")
-def calm():
-    return clip("adis16448")
-
-
-@pytest.fixture(scope="module")
-def exact():
-    return clip("none")
-
-
-@pytest.fixture(scope="module")
-def turning():
-    return clip("adis16448", **{key.replace(".", "__"): value for key, value in TURNING.items()})
-
-
 def rmse(found, true):
     """RMSE in degrees over the frames with an angle, which must be most."""
     assert np.isfinite(found.alpha).mean() > 0.9
@@ -93,8 +90,8 @@ def rmse(found, true):
 
 
 @pytest.mark.parametrize(("method", "bound"), [("gyro-pendulum", 0.2), ("schaper", 0.2), ("kim", 0.15), ("jung", 0.15)])
-def test_filters_recover_a_free_swing(calm, method, bound):
-    sensors, time, true = calm
+def test_filters_recover_a_free_swing(method, bound):
+    sensors, time, true = clip("calm")
     found = INERTIAL[method](sensors, time)
     assert rmse(found, true) < bound
     converged = (time > 5) & (found.reason == "")
@@ -106,8 +103,8 @@ def test_filters_recover_a_free_swing(calm, method, bound):
         assert np.degrees(np.abs(turn).max()) < 3
 
 
-def test_an_accelerometer_on_the_grab_measures_next_to_nothing(exact):
-    sensors, time, true = exact
+def test_an_accelerometer_on_the_grab_measures_next_to_nothing():
+    sensors, time, true = clip("exact")
     nothing = np.degrees(np.sqrt(np.mean(true[0] ** 2)))
     lean = np.stack([true[0] * np.cos(true[1]), true[0] * np.sin(true[1])]).ravel()
     gains = {}
@@ -121,22 +118,22 @@ def test_an_accelerometer_on_the_grab_measures_next_to_nothing(exact):
     assert rmse(INERTIAL["accelerometer-rope"](sensors, time), true) < 0.3
 
 
-def test_attitude_systems_on_the_grab_follow_its_apparent_gravity(exact):
+def test_attitude_systems_on_the_grab_follow_its_apparent_gravity():
     pytest.importorskip("imufusion")
-    sensors, time, true = exact
+    sensors, time, true = clip("exact")
     assert rmse(INERTIAL["ahrs-grab"](sensors, time), true) > 1
     assert rmse(INERTIAL["gao"](sensors, time), true) > 1
 
 
-def test_only_who_knows_the_pivots_acceleration_stays_right_when_the_jib_moves(turning):
-    sensors, time, true = turning
+def test_only_who_knows_the_pivots_acceleration_stays_right_when_the_jib_moves():
+    sensors, time, true = clip("turning")
     assert rmse(INERTIAL["kim"](sensors, time), true) < 0.15
     for method in ("gyro-pendulum", "schaper", "jung"):
         assert rmse(INERTIAL[method](sensors, time), true) > 0.25
 
 
 def test_jung_finds_a_tilt_that_the_template_takes_for_swing():
-    sensors, time, true = clip("adis16448", camera__beta_deg=5.0, camera__tilt_azimuth_deg=60.0)
+    sensors, time, true = clip("tilted")
     assert rmse(INERTIAL["jung"](sensors, time), true) < 0.2
     level = Swing.of(sensors.target.at(time))
     assert rmse(level, true) > 3
@@ -153,8 +150,8 @@ def test_without_its_sensors_a_method_says_which_it_needs(method):
 
 
 @pytest.mark.parametrize("method", ["accelerometer-rope", "schaper", "gyro-pendulum", "kim", "jung"])
-def test_gaps_jumping_clocks_and_other_times_give_reasons(calm, method):
-    sensors, time, true = calm
+def test_gaps_jumping_clocks_and_other_times_give_reasons(method):
+    sensors, time, true = clip("calm")
     heard = {}
     for mount, imu in sensors.imus.items():
         kept = (imu.time < 9) | (imu.time > 10)  # rows are missing
@@ -251,12 +248,17 @@ class Start:
         return Detection("found", "", 1.0, np.array([*(CENTRE - half), *(CENTRE + half)]), CENTRE)
 
 
+@pytest.fixture(autouse=True)
+def _detected(monkeypatch):
+    monkeypatch.setattr(tracking, "detector", Start)
+
+
 SHIFTS = 25 * np.stack([np.sin(np.arange(40) / 9), np.cos(np.arange(40) / 9) - 1], axis=-1)
 
 
 @pytest.mark.parametrize(
     ("tracker", "bound"),
-    [(template(0.0, Start()), 0.15), (template(0.1, Start()), 0.3), (flow(Start()), 1.5)],  # flow drifts
+    [(template(), 0.15), (template(0.1), 0.3), (flow(), 1.5)],  # flow drifts
 )
 def test_trackers_follow_a_patch_to_parts_of_a_pixel(tracker, bound):
     frames, true = pictures(SHIFTS, lost=(7,))
@@ -268,7 +270,7 @@ def test_trackers_follow_a_patch_to_parts_of_a_pixel(tracker, bound):
     assert np.abs(np.array(seen) - np.delete(true, 7, axis=0)).max() < bound
 
 
-@pytest.mark.parametrize("tracker", [template(0.0, Start()), flow(Start())])
+@pytest.mark.parametrize("tracker", [template(), flow()])
 def test_trackers_miss_a_target_that_is_gone(tracker):
     frames, _ = pictures(SHIFTS[:3])
     rng = np.random.default_rng(2)
@@ -286,8 +288,7 @@ CAMERA_FILE = Calibration(width_px=320, height_px=240, focal_length_px=400.0, cx
 
 def test_a_template_measures_the_angle_from_the_optical_axis():
     frames, true = pictures(SHIFTS, lost=(5,))
-    instrument = replace(kawai(), tracker=template(0.0, Start()))
-    found = instrument(frames, CAMERA_FILE)
+    found = kawai()(frames, CAMERA_FILE)
     alpha = np.arctan(np.hypot(*(true - (160, 120)).T) / 400)
     assert [m.status for m in found] == ["lost" if i == 5 else "ok" for i in range(len(frames))]
     assert [m.alpha for i, m in enumerate(found) if i != 5] == pytest.approx(np.delete(alpha, 5), abs=np.radians(0.03))
@@ -302,7 +303,7 @@ def test_methods_by_name_are_instruments():
 
 def test_an_estimator_without_its_rope_refuses_with_the_reason():
     frames, _ = pictures(SHIFTS[:5])
-    found = Tracked("x", template(0.0, Start()), PendulumSmoother())(frames, CAMERA_FILE)
+    found = optical_flow()(frames, CAMERA_FILE)
     assert {m.status for m in found} == {"refused"}
     assert "needs rope lengths" in found[0].reason
     short = conclude([Observation(0.0, centre=(160.0, 120.0))], CAMERA_FILE, ZeroTilt())
@@ -430,6 +431,11 @@ def test_scans_that_cannot_be_are_refused(tmp_path):
     (tmp_path / "data.parquet").write_bytes(b"nothing")
     with pytest.raises(RecordError, match=r"data.parquet: it cannot be read as scans"):
         read_scans(tmp_path, np.eye(4))
+    for column, values, why in (("x [m]", ["a", "b"], "it cannot be read as scans"), (COLUMNS[0], [None, 2], "row 1")):
+        rows = {key: [1, 2] for key in COLUMNS} | {column: values}
+        pq.write_table(pa.table(rows), tmp_path / "data.parquet")
+        with pytest.raises(RecordError, match=rf"data.parquet: .*{why}"):
+            read_scans(tmp_path, np.eye(4))
 
 
 def test_clusters_leave_sparse_points_out():

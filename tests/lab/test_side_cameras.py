@@ -1,7 +1,5 @@
 """Further cameras: their pictures show what their stated pose and intrinsics project, and their files are EuRoC's."""
 
-from contextlib import contextmanager
-
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +7,7 @@ import yaml
 
 import simgrab
 from simgrab.dataset import sensors as files
+from simgrab.dataset.tables import into
 from simgrab.errors import ScenarioError
 from simgrab.lab.sensors.camera import looking
 from simgrab.model.scenario import SideCamera
@@ -30,15 +29,8 @@ CHANGES = {
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cameras")
-
-    @contextmanager
-    def writing(name):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        yield folder / name
-
-    scenario = simgrab.load("free-swing", CHANGES)
-    return scenario, folder, files.write(Recipe(scenario), writing)
+    folder, scenario = tmp_path_factory.mktemp("cameras"), simgrab.load("free-swing", CHANGES)
+    return scenario, folder, files.write(Recipe(scenario), into(folder))
 
 
 def test_all_files_are_named_before(written):

@@ -10,9 +10,8 @@ import av
 import msgspec
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import run
 
-from simgrab.cli import cli
 from simgrab.dataset.sensor_files import yaml
 from simgrab.dataset.tables import calibration_of
 from simgrab.errors import BenchError, InstrumentError, RecordError
@@ -357,7 +356,7 @@ def sensed(tmp_path, monkeypatch):
 
 
 def commit(folder, clips="ab"):
-    digests = {clip: files._sensors_sha256(folder, clip) for clip in clips}
+    digests = {clip: files._folder_sha256(folder / "clips" / clip) for clip in clips}
     public = Published("open", season.VERSION, "", "", dict.fromkeys(clips, 36), ("imu",), digests)
     (folder / "clips" / "season.json").write_text(json.dumps(msgspec.to_builtins(public)))
 
@@ -471,9 +470,9 @@ def test_a_record_that_an_instrument_cannot_use_is_refused_and_the_run_goes_on(
     sensed, tmp_path, instrument, monkeypatch
 ):
     monkeypatch.setattr("simgrab.instrument.run.subject.open_instrument", lambda _name: instrument)
-    said = CliRunner().invoke(cli, ["bench", "run", str(sensed), "--out", str(tmp_path / "e"), "--track", "picture"])
-    assert said.exit_code == 0
-    assert said.stderr.splitlines()[-2:] == [f"{clip}: no angle: row 3 is odd" for clip in "ab"]
+    status, _, said = run("bench", "run", sensed, "--out", tmp_path / "e", "--track", "picture")
+    assert status == 0
+    assert said.splitlines()[-2:] == [f"{clip}: no angle: row 3 is odd" for clip in "ab"]
     found = entry.read(tmp_path / "e", published(sensed))
     assert {status for answers in found.clips.values() for status in answers.status} == {"refused"}
     assert found.about.reasons == dict.fromkeys("ab", "row 3 is odd")
@@ -549,19 +548,18 @@ def test_sensors_that_render_count_in_the_memory_of_workers(tmp_path, monkeypatc
 def test_a_season_from_the_command_line(tmp_path, monkeypatch):
     monkeypatch.setattr(season, "nightly", lambda: season.full()[:1])
     monkeypatch.setattr("simgrab.lab.bench.files.MOST_ATTEMPTS", 1)
-    place, out = str(tmp_path / "season"), tmp_path / "entry"
+    place, out = tmp_path / "season", tmp_path / "entry"
     prepare = ["bench", "prepare", "--out", place]
-    prepare += ["--frames", "3", "--size", "480x270", "--workers", "1", "--sensors", "imu", "--seed", "4"]
+    prepare += ["--frames", 3, "--size", "480x270", "--workers", 1, "--sensors", "imu", "--seed", 4]
 
     def call(*arguments, status=0):
-        result = CliRunner().invoke(cli, [str(a) for a in arguments])
-        assert result.exit_code == status, result.output
-        return result.output
+        found, printed, problem = run(*arguments)
+        assert found == status, problem
+        return printed
 
     assert Season(frames=3, width_px=480, height_px=270, seed=4, sensors=("imu",)).commitment in call(*prepare)
-    assert "holds another season" in str(CliRunner().invoke(cli, [*prepare[:-1], "5"]).exception)
-    odd = ["bench", "prepare", "--out", str(tmp_path / "odd"), "--size", "961x540"]
-    assert "961" in str(CliRunner().invoke(cli, odd).exception)
+    assert "holds another season" in run(*prepare[:-1], 5)[2]
+    assert "961" in run("bench", "prepare", "--out", tmp_path / "odd", "--size", "961x540")[2]
     assert not (tmp_path / "odd").exists()
     (clip,) = (t.clip for t in targets(tmp_path / "season"))
     video = tmp_path / "season" / "clips" / f"{clip}.mp4"

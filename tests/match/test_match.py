@@ -334,6 +334,12 @@ def test_a_black_video_determines_nothing_but_what_its_file_states(tmp_path):
     }  # fmt: skip
 
 
+def test_the_blue_of_a_camera_without_signal_determines_no_cast():
+    seen = measure(footage(np.full((8, 96, 128, 3), (0, 0, 200), np.uint8)), detector())
+    assert "no green" in seen.cast[0].text()
+    assert seen.level.known
+
+
 def test_one_frame_determines_neither_noise_nor_rate(tmp_path):
     rng = np.random.default_rng(5)
     seen = measure(read(video(tmp_path / "one.mp4", taken(scene(rng), rng, 1))), detector())

@@ -243,6 +243,16 @@ def test_nonsense_is_refused_and_writes_nothing(options, word, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["a\nframes = 7", "\udcff", 'é\x7f"'])
+def test_a_file_of_any_name_holds_what_was_asked_for(name, tmp_path):
+    drum = tmp_path / f"{name}.glb"
+    trimesh.creation.cylinder(radius=1.2, height=2.6).export(tmp_path / "drum.glb")
+    (tmp_path / "drum.glb").rename(drum)
+    assert new(tmp_path / f"{name}.toml")[0].frames == 200
+    status, _, problem = run("new", tmp_path / "b.toml", "--yes", "--grab", drum)
+    assert (status, "is not UTF-8" in problem) == ((2, True) if name == "\udcff" else (0, False)), problem
+
+
 def test_no_file_is_overwritten(tmp_path):
     path = tmp_path / "a.toml"
     path.write_text("mine")

@@ -152,7 +152,10 @@ def run(
     check_new_folder(out, BenchError)
     season = published(folder)
     instrument = checked(instrument)
-    sensors = [name for kind in _sensors(track, season.sensors) for name in SENSORS[kind]]
+    try:
+        sensors = [name for kind in sensors_of(track, season.sensors) for name in SENSORS[kind]]
+    except ValueError as problem:
+        raise BenchError(str(problem)) from None
     display = "rope" in track.split("+")
     about = MethodDescription(method or instrument.name, track, season.name)
     try:
@@ -169,7 +172,7 @@ def run(
         try:
             subject: Instrument = instrument
             if sensors:
-                subject = instrument.with_sensors(sensor_folders(folder, season, name, track))
+                subject = instrument.with_sensors(sensor_folders(folder, season, name, sensors))
             measurements = measure(open_source(video), camera, subject, source=name).measurements
         except RecordError as problem:
             measurements = (Measurement(status="refused", reason=str(problem)),) * frames
@@ -203,26 +206,8 @@ def written(clip: str, measurements: Sequence[Measurement], seconds: float) -> s
     return text.getvalue()
 
 
-def _sensors(track: str, sensors: Sequence[str]) -> tuple[str, ...]:
-    try:
-        return sensors_of(track, sensors)
-    except ValueError as problem:
-        raise BenchError(str(problem)) from None
-
-
 def read(folder: Path, season: Published) -> Entry:
-    """Read an entry, and check its format.
-
-    Parameters
-    ----------
-    folder : Path
-    season : Published
-
-    Raises
-    ------
-    BenchError
-        In one line the first of its problems, and how many there are; see `problems`.
-    """
+    """Read an entry; raises `BenchError` with the first of its `problems`, and how many there are."""
     entry, found = _read(folder, season)
     if found:
         more = f" (and {len(found) - 1} more; see simgrab bench check)" if len(found) > 1 else ""
@@ -232,7 +217,7 @@ def read(folder: Path, season: Published) -> Entry:
 
 
 def problems(folder: Path, season: Published) -> list[str]:
-    """List what is wrong with an entry's format: file, line and what is right; parameters as those of `read`."""
+    """List what is wrong with an entry's format: file, line and what is right."""
     return _read(folder, season)[1]
 
 
@@ -262,13 +247,7 @@ def _read(folder: Path, season: Published) -> tuple[Entry | None, list[str]]:
 
 
 def _answers(path: Path, clip: str, count: int) -> Answers:
-    """Read one clip's answers.
-
-    Raises
-    ------
-    BenchError
-        At the first line that does not keep to the format.
-    """
+    """Read one clip's answers; raises `BenchError` at the first line that does not keep to the format."""
     text = read_text(path, BenchError, most_bytes=MOST_BYTES)
     lines = csv.reader(io.StringIO(text), strict=True)
     rows = list[tuple[str, float, float, float, float]]()

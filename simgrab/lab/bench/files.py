@@ -14,7 +14,7 @@ import io
 import json
 import secrets
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -35,7 +35,7 @@ from simgrab.io.files import write
 from simgrab.io.parse import cannot, opened, read_bytes, read_json
 from simgrab.io.strict import Checked, convert
 from simgrab.judge.evaluate.swings import HARDLY, SURELY
-from simgrab.lab.bench.season import SENSORS, VERSION, Season, SeasonClip, check_sensors, sensors_of
+from simgrab.lab.bench.season import VERSION, Season, SeasonClip, check_sensors
 from simgrab.model.geometry import Array
 from simgrab.model.scenario import Scenario
 from simgrab.runtime import machine
@@ -161,7 +161,7 @@ def prepare(
         about = Published(
             season.name, VERSION, season.commitment, _truth_sha256(season, folder),
             {target.clip: len(target.times) for target in found}, season.sensors,
-            {clip.name: _sensors_sha256(folder, clip.name) for clip in season.clips if season.sensors},
+            {clip.name: _folder_sha256(folder / CLIPS / clip.name) for clip in season.clips if season.sensors},
         )  # fmt: skip
         public = msgspec.to_builtins(about)
         if not season.sensors:  # which seasons did not always have
@@ -274,10 +274,6 @@ def _truth_sha256(season: Season, folder: Path) -> str:
     return digest.hexdigest()
 
 
-def _sensors_sha256(folder: Path, clip: str) -> str:
-    return _folder_sha256(folder / CLIPS / clip)
-
-
 def _folder_sha256(folder: Path) -> str:
     """SHA-256 of all files below a folder, each after its name; hidden ones left out."""
     digest = hashlib.sha256()
@@ -289,18 +285,18 @@ def _folder_sha256(folder: Path) -> str:
     return digest.hexdigest()
 
 
-def sensor_folders(folder: Path, season: Published, clip: str, track: str) -> dict[str, Path]:
-    """Give the folder of each sensor that a track allows, by the sensor's name.
+def sensor_folders(folder: Path, season: Published, clip: str, sensors: Iterable[str]) -> dict[str, Path]:
+    """Give the folders of some of a clip's sensors, by the sensors' names.
 
     Raises
     ------
     RecordError
         If the files of the clip's sensors are not those that the season commits to.
     """
-    kinds = sensors_of(track, season.sensors)
-    if kinds and _sensors_sha256(folder, clip) != season.sensors_sha256[clip]:
-        raise RecordError(f"{folder / CLIPS / clip}: not the sensors' files that {SEASON} commits to")
-    return {name: folder / CLIPS / clip / name for kind in kinds for name in SENSORS[kind]}
+    path = folder / CLIPS / clip
+    if _folder_sha256(path) != season.sensors_sha256[clip]:
+        raise RecordError(f"{path}: not the sensors' files that {SEASON} commits to")
+    return {name: path / name for name in sensors}
 
 
 def targets(folder: Path) -> tuple[ClipTruth, ...]:

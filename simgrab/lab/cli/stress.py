@@ -47,6 +47,8 @@ def command(
     """
     if [study is not None, everything, replay is not None].count(True) > 1:
         raise click.UsageError("STUDY, --all and --replay exclude each other.")
+    if at and replay is None:
+        raise click.UsageError("--at goes with --replay.")
     if study is not None or everything or replay is not None:
         check_folder(out, StressError)
         sys.path.insert(0, str(Path.cwd()))  # an estimator of one's own lies where one works

@@ -96,15 +96,8 @@ class PaperStudy:
     expected_cos: float
 
 
-def study(settings: PaperSettings, report: Callable[[str], None] = lambda _: None) -> PaperStudy:
-    """Run section 4.4.
-
-    Parameters
-    ----------
-    settings : PaperSettings
-    report : callable
-        Called with what is being done.
-    """
+def study(settings: PaperSettings, report: Callable[[str], None]) -> PaperStudy:
+    """Run section 4.4; ``report`` is called with what is being done."""
     rivals: dict[str, Estimator] = {
         "known": PaperIteration(axis="known", axis_direction=AXIS_DIRECTION),
         "estimated": PaperIteration(),
@@ -178,10 +171,7 @@ def _steps(found: Estimates, limit: Estimates) -> tuple[Array, Array]:
     """How far each iterate is from where the iteration would end if it went on."""
     beta, sigma2 = found.diagnostics["beta_history"], found.diagnostics["sigma2_history"]
     width = int(np.isfinite(beta).any(axis=0).sum())
-    return (
-        np.abs(beta[:, :width] - limit.beta[:, None]),
-        np.abs(sigma2[:, :width] / limit.sigma[:, None] ** 2 - 1),
-    )
+    return (np.abs(beta[:, :width] - limit.beta[:, None]), np.abs(sigma2[:, :width] / limit.sigma[:, None] ** 2 - 1))
 
 
 def _start(settings: PaperSettings, pixels: Array, reference: Estimates, start_deg: float) -> StartOutcome:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -112,7 +113,7 @@ def tysse(views: Sequence[SideView], rope: Series, time: Array) -> Swing:
     stamps = np.array([shot[0] for shot in shots])
     first = np.flatnonzero(np.diff(stamps, prepend=-np.inf) > TOGETHER_S)
     rows, values = np.zeros((len(first), 2, 2)), np.full((len(first), 2), np.nan)
-    for i, (begin, end) in enumerate(zip(first, [*first[1:], len(shots)], strict=True)):
+    for i, (begin, end) in enumerate(pairwise([*first, len(shots)])):
         seen = [(views[k], two) for _, k, two in shots[begin:end] if two is not None]
         if len(seen) >= FEWEST_VIEWS:
             rows[i], values[i] = _line(seen)

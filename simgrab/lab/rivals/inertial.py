@@ -11,18 +11,7 @@ from simgrab.errors import RecordError
 from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.lab.rivals.contract import Method, Sensors, Swing, refusing
-from simgrab.lab.rivals.kalman import (
-    START_SD,
-    STEP_S,
-    Pendulum,
-    advance,
-    averaged,
-    filled,
-    grid,
-    kalman,
-    silent,
-    swing,
-)
+from simgrab.lab.rivals.kalman import START_SD, STEP_S, Pendulum, advance, averaged, filled, grid, kalman, silent, swing
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
 
 BIAS_SD, BIAS_WALK = 0.15, 2e-5  # of a gyroscope: rad/s at turn-on, rad/s²/√Hz
@@ -155,10 +144,9 @@ def kim(sensors: Sensors, time: Array) -> Swing:
     pendulum = Pendulum(rope.at(steps)[:, 0], rate)
     # The inclinometer's own acceleration takes its share of apparent gravity: (θ + a/g)(1 − r/l).
     share = (1 - ROPE_M / pendulum.equivalent)[:, None]
-    filtered = kalman(
-        averaged(tilt.time - INCLINOMETER_LAG_S, tilt.values, steps),
-        START_SD, advance(pendulum.rates(4)), pendulum.noise(4), share[..., None] * np.eye(2, 4),
-        np.full(2, INCLINOMETER_SD), drive=pendulum.drive(4, force), known=share * force / STANDARD_GRAVITY,
+    filtered = pendulum.filtered(
+        averaged(tilt.time - INCLINOMETER_LAG_S, tilt.values, steps), share[..., None] * np.eye(2, 4),
+        np.full(2, INCLINOMETER_SD), drive=pendulum.drive(force), known=share * force / STANDARD_GRAVITY,
     )  # fmt: skip
     found = swing(time, steps, *filtered, imu.time)
     outside = (time < tilt.time[0]) | (time > tilt.time[-1])

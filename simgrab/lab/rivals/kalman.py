@@ -23,6 +23,8 @@ MOST_SD = np.radians(1.0)
 """There is no angle while a filter is less certain of it."""
 START_SD = np.repeat([np.radians(10.0), 0.1], 2)
 """Standard deviations of a pendulum's state at the start, rad and rad/s."""
+LONGER_M, DAMPING, FORCING = 0.4, 0.005, 1e-3
+"""Of a pendulum: how much longer it is than the rope, its share of critical damping, and white acceleration, m²/s³."""
 LEAN, SPEED = slice(0, 2), slice(2, 4)
 """Of a pendulum's state: angles along x and y, rad, and their rates over the ground, rad/s."""
 
@@ -84,24 +86,15 @@ class Pendulum:
         Rope length, m.
     turning : ndarray, shape (n,)
         Rate of the axes about the vertical, rad/s.
-    longer_m : float
-        By how much the equivalent simple pendulum is longer than the rope.
-    damping : float
-        Share of critical damping.
-    forcing : float
-        White acceleration of the grab or the pivot, m²/s³ per axis.
     """
 
     length: Array
     turning: Array
-    longer_m: float = 0.4
-    damping: float = 0.005
-    forcing: float = 1e-3
 
     @property
     def equivalent(self) -> Array:
         """Length of the equivalent simple pendulum, m, shape (n,)."""
-        return np.asarray(self.length + self.longer_m)
+        return np.asarray(self.length + LONGER_M)
 
     def rates(self, d: int) -> Array:
         """Return derivatives of d states by themselves, shape (n, d, d): l θ̈ + 2 (l̇ + ζωl) θ̇ + g θ = 0."""
@@ -110,7 +103,7 @@ class Pendulum:
         a = np.zeros((n, d, d))
         a[:, 0, 2] = a[:, 1, 3] = 1
         a[:, 2, 0] = a[:, 3, 1] = -STANDARD_GRAVITY / length
-        drag = 2 * (paid_out / length + self.damping * np.sqrt(STANDARD_GRAVITY / length))
+        drag = 2 * (paid_out / length + DAMPING * np.sqrt(STANDARD_GRAVITY / length))
         a[:, 2, 2] = a[:, 3, 3] = -drag
         for i in (0, 2):
             a[:, i, i + 1] += self.turning
@@ -120,15 +113,17 @@ class Pendulum:
     def noise(self, d: int) -> Array:
         """Variances (n, d) that a step adds."""
         q = np.zeros((len(self.length), d))
-        q[:, SPEED] = (self.forcing * STEP_S / self.equivalent**2)[:, None]
+        q[:, SPEED] = (FORCING * STEP_S / self.equivalent**2)[:, None]
         return q
 
-    def drive(self, d: int, acceleration: Array) -> Array:
-        """Return what the pivot's acceleration (n, 2), m/s², adds in a step, shape (n, d)."""
-        u = np.zeros((len(self.length), d))
+    def drive(self, acceleration: Array) -> Array:
+        """Return what the pivot's acceleration (n, 2), m/s², adds in a step, shape (n, 4)."""
         push = -acceleration / self.equivalent[:, None]
-        u[:, LEAN], u[:, SPEED] = push * STEP_S**2 / 2, push * STEP_S
-        return u
+        return np.hstack([push * STEP_S**2 / 2, push * STEP_S])
+
+    def filtered(self, readings: Array, reading: Array, reading_sd: Array, **known: Array) -> tuple[Array, Array]:
+        """States (n, 4) and their covariances by `kalman`, of the pendulum alone."""
+        return kalman(readings, START_SD, advance(self.rates(4)), self.noise(4), reading, reading_sd, **known)
 
 
 def advance(rates: Array) -> Array:

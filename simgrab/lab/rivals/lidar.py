@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -14,17 +15,9 @@ from scipy.spatial import cKDTree
 
 from simgrab.errors import RecordError, first_line
 from simgrab.instrument.estimate.frames import interpolated
-from simgrab.instrument.estimate.inertial.readings import check_times
+from simgrab.instrument.estimate.inertial.readings import check_times, numbers
 from simgrab.lab.rivals.contract import Series, Swing
-from simgrab.lab.rivals.kalman import (
-    START_SD,
-    Pendulum,
-    advance,
-    averaged,
-    grid,
-    kalman,
-    swing,
-)
+from simgrab.lab.rivals.kalman import Pendulum, averaged, grid, swing
 from simgrab.model.geometry import Array
 
 COLUMNS = ("timestamp [ns]", "x [m]", "y [m]", "z [m]")
@@ -86,11 +79,12 @@ def read_scans(folder: str | Path, platform_from_sensor: Array) -> Scans:
     where = Path(folder) / "data.parquet"
     try:
         table = pq.read_table(where, columns=list(COLUMNS))
-        columns = [table[name].to_numpy() for name in COLUMNS]
-    except (OSError, ValueError, KeyError) as problem:
+        points = np.stack([table[name].cast(pa.float64()).to_numpy() for name in COLUMNS[1:]], axis=-1)
+    except (OSError, KeyError, pa.ArrowException) as problem:
         raise RecordError(f"{where}: it cannot be read as scans ({first_line(problem)})") from None
+    stamps = numbers(where, table, COLUMNS[0]).astype(np.int64)
     try:
-        return Scans.of(columns[0].astype(np.int64), np.stack(columns[1:], axis=-1).astype(float), platform_from_sensor)
+        return Scans.of(stamps, points, platform_from_sensor)
     except RecordError as problem:
         raise RecordError(f"{where}: {problem}") from None
 
@@ -174,6 +168,5 @@ def lidar(scans: Scans, rest: Scans, time: Array, jib_m: float) -> Swing:
     steps = grid(lean)
     length = interpolated(steps, at, depth[:, None]).mean() * np.ones(len(steps))
     pendulum = Pendulum(length, np.zeros(len(steps)))
-    readings, motion = averaged(at, lean.values, steps), advance(pendulum.rates(4))
-    states = kalman(readings, START_SD, motion, pendulum.noise(4), np.eye(2, 4), np.full(2, LEAN_SD))
+    states = pendulum.filtered(averaged(at, lean.values, steps), np.eye(2, 4), np.full(2, LEAN_SD))
     return swing(time, steps, *states, at, MOST_GAP_S)

@@ -14,15 +14,7 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate.inertial.readings import STAMP, check_times, numbers, read_description, read_table
 from simgrab.io import pictures
 from simgrab.lab.rivals.contract import Series, Swing
-from simgrab.lab.rivals.kalman import (
-    START_SD,
-    Pendulum,
-    advance,
-    averaged,
-    grid,
-    kalman,
-    swing,
-)
+from simgrab.lab.rivals.kalman import Pendulum, averaged, grid, swing
 from simgrab.model.geometry import Array
 
 MOST_GAP_S = 1.0  # between readings
@@ -140,15 +132,7 @@ class LeanReadings:
 
 
 def filtered(readings: list[LeanReadings], lengths: Series, time: Array) -> Swing:
-    """Swing at instants (n,), s, by a Kalman filter of a pendulum whose tangents of lean are read.
-
-    Parameters
-    ----------
-    readings : list of LeanReadings
-    lengths : Series
-        Rope lengths, |OA|, m.
-    time : ndarray, shape (n,)
-    """
+    """Swing at instants (n,), s, by a Kalman filter of a pendulum whose tangents of lean and length, m, are read."""
     seen = [np.isfinite(one.values).all(axis=1) for one in readings]
     for one, some in zip(readings, seen, strict=True):
         if some.sum() < 2:
@@ -165,8 +149,7 @@ def filtered(readings: list[LeanReadings], lengths: Series, time: Array) -> Swin
     pendulum = Pendulum(lengths.at(steps)[:, 0], np.zeros(len(steps)))
     reading = np.concatenate(rows, axis=1)
     reading = np.concatenate([reading, np.zeros_like(reading)], axis=2)
-    seen_values, motion = np.concatenate(values, axis=1), advance(pendulum.rates(4))
-    states = kalman(seen_values, START_SD, motion, pendulum.noise(4), reading, np.array(sd))
+    states = pendulum.filtered(np.concatenate(values, axis=1), reading, np.array(sd))
     found = swing(time, steps, *states, every, MOST_GAP_S)
     for one, some in zip(readings, seen, strict=True):
         found = found.without(_gone(one.time[some], time), f"{one.source} for more than {MOST_GAP_S:g} s")

@@ -39,11 +39,11 @@ Follow = Callable[[Grey], Array | str]
 """From the next picture to the target's centre, px, or why it was not found."""
 
 
-def _tracker(start: Detector | None, begin: Callable[[Grey, Array, Array], Follow]) -> Tracker:
+def _tracker(begin: Callable[[Grey, Array, Array], Follow]) -> Tracker:
     """Track from the first picture in which the target is detected: its grey, box (4,) and centre (2,)."""
 
     def track(frames: Iterable[Frame]) -> Iterator[Observation]:
-        find = detector() if start is None else start
+        find = detector()
         follow: Follow | None = None
         for frame in frames:
             if frame.picture is None:
@@ -63,15 +63,13 @@ def _tracker(start: Detector | None, begin: Callable[[Grey, Array, Array], Follo
     return track
 
 
-def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
+def template(update: float = 0.0) -> Tracker:
     """Track by normalised correlation with a template, refined by a parabola.
 
     Parameters
     ----------
     update : float
         Share by which the template follows each picture: 0 keeps the first.
-    start : Detector, optional
-        Finds the target in the first picture; by default the bundled detector.
     """
 
     def begin(grey: Grey, box: Array, centre: Array) -> Follow:
@@ -95,7 +93,7 @@ def template(update: float = 0.0, start: Detector | None = None) -> Tracker:
 
         return follow
 
-    return _tracker(start, begin)
+    return _tracker(begin)
 
 
 def _cut(grey: Grey, corner: NDArray[np.int64], side: int) -> NDArray[np.float32]:
@@ -117,7 +115,7 @@ def _match(window: NDArray[np.float32], patch: NDArray[np.float32]) -> tuple[Arr
     return place, float(score[y, x])
 
 
-def flow(start: Detector | None = None) -> Tracker:
+def flow() -> Tracker:
     """Track by the optical flow (Lucas and Kanade, pyramidal) of corners within the first picture's box.
 
     The target moves, turns and grows as most corners do (a similarity, RANSAC); corners that are lost are replaced by
@@ -143,7 +141,7 @@ def flow(start: Detector | None = None) -> Tracker:
 
         return follow
 
-    return _tracker(start, begin)
+    return _tracker(begin)
 
 
 def _corners(grey: Grey, box: Array, points: NDArray[np.float32]) -> NDArray[np.float32]:

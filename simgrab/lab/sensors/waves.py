@@ -143,14 +143,7 @@ class Strings:
 
 
 class RopeWaves:
-    """The waves of a clip's ropes, block by block of its motion.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Whose suspension has waves.
-    course : ClipMotion
-    """
+    """The waves of a clip's ropes, block by block of its motion, of a scenario whose suspension has them."""
 
     def __init__(self, scenario: Scenario, course: ClipMotion) -> None:
         waves, self._design = scenario.suspension.waves, design_of(scenario.grab)

@@ -24,12 +24,7 @@ class Estimating(Protocol):
     """What the laboratory asks of an estimator, which can be made without arguments; see `Estimator.estimate`."""
 
     def estimate(
-        self,
-        pixels: Array,
-        calibration: Calibration,
-        *,
-        rope_length: Array | None = None,
-        time: Array | None = None,
+        self, pixels: Array, calibration: Calibration, *, rope_length: Array | None = None, time: Array | None = None
     ) -> Estimate:
         r"""Estimate from one record, whose arrays are read-only.
 
@@ -50,18 +45,7 @@ class Estimating(Protocol):
 
 
 def find(name: str) -> Estimating:
-    """Make an estimator.
-
-    Parameters
-    ----------
-    name : str
-        In `simgrab.instrument.estimate.ESTIMATORS`, or ``package.module:Class``.
-
-    Raises
-    ------
-    StressError
-        Naming what there is.
-    """
+    """Make an estimator of `ESTIMATORS`, or ``package.module:Class``; raises `StressError` naming what there is."""
     if name in ESTIMATORS:
         return ESTIMATORS[name]()
     module, colon, attribute = name.partition(":")
@@ -122,27 +106,44 @@ def flaw(estimate: Any, frames: int) -> str:
         return f"estimate must return a simgrab.Estimate, got {type(estimate).__name__}"
     if estimate.status not in ("ok", "refused"):
         return f"status must be 'ok' or 'refused', got {estimate.status!r}"
+    shapes = {"alpha": (frames,), "beta": (), "sigma": (), "tilt_azimuth": (), "offset": (3,), "frames": ()}
+    if wrong := _misshapen(estimate, shapes):
+        return wrong
     if not estimate.ok:
         return "" if estimate.reason else "a refusal needs a reason"
-    shape = np.asarray(estimate.alpha, float).shape
-    if shape != (frames,):
-        return f"alpha must have one value for each of {frames} frames, got the shape {shape}"
-    if np.isnan(np.asarray(estimate.alpha, float)).all():
+    if estimate.alpha is None:
+        return "alpha is None, which is of refusals alone"
+    alpha = np.asarray(estimate.alpha, float)
+    if np.isnan(alpha).all():
         return "alpha is NaN in every frame; estimate from the frames whose pixels are finite, or refuse the record"
-    for key, value in (("beta", estimate.beta), ("sigma", estimate.sigma), ("alpha", estimate.alpha)):
+    for key, value in (("beta", estimate.beta), ("sigma", estimate.sigma), ("alpha", alpha)):
         sizes = np.abs(np.asarray(value, float))
         largest = np.max(sizes, where=np.isfinite(sizes), initial=0.0)
         if largest > np.pi / 2:
             return f"{key} reaches {largest:.4g} rad, beyond the horizontal; angles are in radians"
-    if (np.asarray(estimate.alpha, float) < 0).any():
+    if (alpha < 0).any():
         return "alpha is below 0; it is the angle from gravity, whatever the direction"
     if not isinstance(estimate.intervals, tuple) or not all(isinstance(i, Intervals) for i in estimate.intervals):
         return "intervals must be a tuple of Intervals"
-    return next(filter(None, map(_flaw_of_ends, estimate.intervals)), "")
+    return next(filter(None, (_flaw_of_ends(one, frames) for one in estimate.intervals)), "")
 
 
-def _flaw_of_ends(intervals: Intervals) -> str:
+def _misshapen(result: Any, shapes: Mapping[str, tuple[int, ...]]) -> str:
+    """Describe the first field that holds no numbers in its shape; None holds nothing."""
+    for key, shape in shapes.items():
+        try:
+            found = np.asarray(getattr(result, key), float).shape
+        except (TypeError, ValueError):
+            return f"{key} must hold numbers, got {getattr(result, key)!r:.40}"
+        if getattr(result, key) is not None and found != shape:
+            return f"{key} must have the shape {shape}, got {found}"
+    return ""
+
+
+def _flaw_of_ends(intervals: Intervals, frames: int) -> str:
     """Describe what is wrong with intervals, whose coverage stands in a column for all estimators."""
+    if wrong := _misshapen(intervals, {"level": (), "beta": (2,), "sigma": (2,), "alpha": (frames, 2)}):
+        return f"intervals: {wrong}"
     if intervals.kind not in KINDS:
         return f"intervals are of the kind {intervals.kind!r}; one of: {', '.join(KINDS)}"
     if intervals.level != LEVEL:

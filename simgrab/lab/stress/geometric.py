@@ -28,20 +28,7 @@ _MOST_YAW = math.radians(15.0)
 
 
 def draw(situation: Situation, seed: int, trials: Sequence[int]) -> Records:
-    """Draw replications. Each depends on its own number alone, and not on which others are drawn with it.
-
-    Parameters
-    ----------
-    situation : Situation
-    seed : int
-    trials : sequence of int
-        Numbers of the replications.
-
-    Raises
-    ------
-    StressError
-        If they are all the same.
-    """
+    """Draw replications by their numbers, on which alone they depend; raises `StressError` if they are all the same."""
     draws, probes = Draws(seed, trials, situation.frames), Draws(seed, trials, PROBES)
     motion = swings.draw(situation, draws)
     ring = swings.ring(probes, motion, PROBE_ALPHA, situation.azimuth)

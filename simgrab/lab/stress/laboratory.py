@@ -119,20 +119,9 @@ def made(job: tuple[Study, ReplicationBatch]) -> tuple[str, ReplicationBatch, by
 
 
 def worker_pool(workers: int, cluster: str | None = None) -> Executor:
-    """Make the processes that work on studies: even for one worker a process of its own, so that numbers are the same.
+    """Make the processes that work on studies, here or of a Ray cluster's address; raises `StressError` without any.
 
-    Parameters
-    ----------
-    workers : int
-    cluster : str, optional
-        Address of a Ray cluster, whose processes they are then.
-
-    Raises
-    ------
-    StressError
-        If there are none.
-    ClusterError
-        If there is no such cluster.
+    Even one worker is a process of its own, so that numbers are the same.
     """
     if workers < 1:
         raise StressError(f"workers must be 1 or more, got {workers}")

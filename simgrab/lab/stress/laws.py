@@ -43,15 +43,15 @@ def student(degrees: float = 5.0) -> Law:
     return Law(lambda rng, n: np.abs(rng.standard_t(degrees, n)), math.sqrt(degrees / (degrees - 2)), kurtosis)
 
 
-def bursts(idle: float = 0.8, ratio: float = 5.0) -> Law:
-    """Swing half-normally in a share ``idle`` of the frames, and ``ratio`` times as far in the others."""
-    square = idle + (1 - idle) * ratio**2
+def bursts(idle: float = 0.8) -> Law:
+    """Swing half-normally in a share ``idle`` of the frames, and five times as far in the others."""
+    square = idle + (1 - idle) * 5**2
 
     def sample(rng: np.random.Generator, n: int) -> Array:
-        scale = np.where(rng.random(n) < idle, 1.0, ratio)
+        scale = np.where(rng.random(n) < idle, 1.0, 5.0)
         return np.asarray(np.abs(rng.normal(size=n)) * scale)
 
-    return Law(sample, math.sqrt(square), 3 * (idle + (1 - idle) * ratio**4) / square**2)
+    return Law(sample, math.sqrt(square), 3 * (idle + (1 - idle) * 5**4) / square**2)
 
 
 def harmonic() -> Law:

@@ -108,15 +108,7 @@ def together(scenario: Scenario) -> int:  # noqa: ARG001
 
 
 def draw(scenario: Scenario, seed: int, trials: Sequence[int]) -> Records:
-    """Render and measure. Replication k is the scene under a seed of its own, in a world of its own.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    seed : int
-    trials : sequence of int
-        Numbers of the replications.
-    """
+    """Render and measure. Replication k is the scene under a seed of its own, in a world of its own."""
     return _records(scenario, seed, trials, [watch(scenario, seed, trial) for trial in trials])
 
 
@@ -142,12 +134,8 @@ def made_with() -> str:
 def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
     """Render one replication and observe each frame as the bundled pipeline does, keeping no picture.
 
-    Its frames are one clip under a seed of its own, the same at every point of a study.
-
-    Raises
-    ------
-    StressError
-        If a frame cannot be.
+    Its frames are one clip under a seed of its own, the same at every point of a study. Raises `StressError` if a frame
+    cannot be.
     """
     from simgrab.dataset.tables import calibration_of
     from simgrab.instrument import angles

@@ -70,8 +70,7 @@ def score(estimates: Estimates, records: Records) -> dict[str, NDArray[Any]]:
         return np.where(count > 0, np.nansum(values, axis=-1) / np.maximum(count, 1), np.nan)
 
     def most(values: Array) -> Array:
-        size = np.where(np.isfinite(values), np.abs(values), -1.0).max(axis=-1)
-        return np.where(size >= 0, size, np.nan)
+        return np.asarray(np.fmax.reduce(np.abs(values), axis=-1))  # which leaves NaN out
 
     true = gravity(np.array(records.beta), np.array(records.azimuth))
     iterations = estimates.diagnostics.get("iterations", nothing)

@@ -158,24 +158,6 @@ def _whole(value: Value) -> Value | int:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-@functools.lru_cache(maxsize=256)
-def _situation(base: str, settings: tuple[tuple[str, Value], ...]) -> Situation:
-    result = situations.of(_scenario(base, settings))
-    for name, value in settings:
-        axis = axis_of(name)
-        if not axis.key:
-            result = axis.apply(result, value)
-    turned_up = [(name, value) for name, value in settings if value != axis_of(name).holds]
-    for name, value in turned_up:
-        if by := axis_of(name).overridden(result, value):
-            raise StressError(f"{name}: has no effect, because {by}")
-    for group in EXCLUSIVE:
-        names = [name for name, _ in settings if name in group]
-        if len(names) > 1 and any(name in group for name, _ in turned_up):
-            raise StressError(f"{names[0]}: {' and '.join(names)} exclude each other: leave all but one out")
-    return result
-
-
 def scenario(study: Study, point: tuple[Value, ...]) -> Scenario:
     """Make the scene at a point of a study, of which axes that are no key of a scene change nothing."""
     return _scenario(study.base, tuple(study.settings(point).items()))
@@ -183,7 +165,20 @@ def scenario(study: Study, point: tuple[Value, ...]) -> Scenario:
 
 def situation(study: Study, point: tuple[Value, ...]) -> Situation:
     """Make the situation at a point of a study."""
-    return _situation(study.base, tuple(study.settings(point).items()))
+    result, settings = situations.of(scenario(study, point)), study.settings(point)
+    for name, value in settings.items():
+        axis = axis_of(name)
+        if not axis.key:
+            result = axis.apply(result, value)
+    turned_up = {name: value for name, value in settings.items() if value != axis_of(name).holds}
+    for name, value in turned_up.items():
+        if by := axis_of(name).overridden(result, value):
+            raise StressError(f"{name}: has no effect, because {by}")
+    for group in EXCLUSIVE:
+        names = [name for name in settings if name in group]
+        if len(names) > 1 and not group.isdisjoint(turned_up):
+            raise StressError(f"{names[0]}: {' and '.join(names)} exclude each other: leave all but one out")
+    return result
 
 
 def resized(study: Study, frames: int | None, replications: int | None, seed: int | None) -> Study:

@@ -22,15 +22,7 @@ _FORCED_ROPE_M = 20.0
 
 @dataclass(frozen=True)
 class Draws:
-    """The streams of M replications: one for each replication and variable, whatever else is drawn.
-
-    Attributes
-    ----------
-    seed : int
-    trials : sequence of int
-    frames : int
-        n.
-    """
+    """The streams of M replications of n frames: one for each replication and variable, whatever else is drawn."""
 
     seed: int
     trials: Sequence[int]

@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import click
+import tomli_w
 
 from simgrab.cli._options import PATH, together
 from simgrab.match import data_sheets
+from simgrab.text import encodable, printable
 
 if TYPE_CHECKING:
     from simgrab.model.scenario import Grab, Scenario
@@ -87,7 +89,6 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
     from simgrab.io import files
     from simgrab.io.destination import check_new_folder, writing
     from simgrab.model import scenes
-    from simgrab.text import printable
 
     def refuse(problem: str) -> ScenarioError:
         return ScenarioError("", problem)
@@ -298,9 +299,13 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
     from simgrab.judge.own_grab import likely_scale  # imports what renders
 
     def read(text: str) -> str:
-        if text.lower() not in GRABS and not Path(text).is_file():
+        if text.lower() in GRABS:
+            return text.lower()
+        if not Path(text).is_file():
             raise ValueError(f"must be one of {', '.join(GRABS)}, or a file of a 3-D model; there is no file {text!r}")
-        return text.lower() if text.lower() in GRABS else text
+        if encodable(text) != text:
+            raise ValueError(f"{text!r} is not UTF-8; give a name that a scene file can hold")
+        return text
 
     grab = answers.get("grab", read)
     known = grab in GRABS
@@ -318,15 +323,14 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
         raise _refusal(
             "volume", f"{grab} has a size of its own; leave it out, or give --grab {' or '.join(GRABS[1:])}, of 4 ropes"
         )
-    path = json.dumps(os.path.relpath(grab, file.parent), ensure_ascii=False)
     if known:
         return f'model = "{grab}"{paint}', 0.0
     finish = f'\nfinish = "paint"{paint}' if paint else ""
     scale = likely_scale(grab)
     if scale != 1:
         answers.assumed.append(f"grab.scale: {scale:g} m per unit of the file, by its size")
-    file_and_unit = f"file = {path} # see: simgrab grab check\nscale = {scale:g} # m per unit of the file"
-    return f'model = "mesh"\n{file_and_unit}{finish}', 0.0
+    path = tomli_w.dumps({"file": os.path.relpath(grab, file.parent)}).strip()
+    return f'model = "mesh"\n{path} # see: simgrab grab check\nscale = {scale:g} # m per unit of the file{finish}', 0.0
 
 
 def _table(keys: Mapping[str, float]) -> str:
@@ -499,7 +503,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     vary = f"\n[vary]{'' if fixed else ' # tolerances of these facts'}\n{varied.rstrip()}\n" if varied else ""
     again = f" # after which [vary] draws again{'' if cycles else '; more of them render faster, and vary less'}"
     clip = round(CYCLE_S * rate) if cycles else 8 if anywhere else 2
-    return f"""# Written by simgrab new. simgrab scenes show {file.name} prints every other key with its value.
+    name = printable(file.name)
+    return f"""# Written by simgrab new. simgrab scenes show {name} prints every other key with its value.
 base = "{"training" if anywhere else "quay-day"}"
 name = "{re.sub("[^a-z0-9_-]+", "-", file.stem.lower()).strip("-_")[:64] or "port"}"
 description = "Ropes of {short:g} to {long:g} m, by {" and ".join(lights)}, {", ".join(weathers)}."

@@ -5,6 +5,6 @@ Pixels alone come in. Each result has a 95 % interval, or the reason why the foo
 
 from simgrab.match.footage.appearance import Appearance, measure
 from simgrab.match.footage.footage import Footage, read
-from simgrab.match.footage.quantity import Quantity, unknown
+from simgrab.match.footage.quantity import Quantity
 
-__all__ = ["Appearance", "Footage", "Quantity", "measure", "read", "unknown"]
+__all__ = ["Appearance", "Footage", "Quantity", "measure", "read"]

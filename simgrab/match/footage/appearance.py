@@ -34,8 +34,6 @@ class Appearance:
     Attributes
     ----------
     footage : Footage
-    grey : bool
-        Whether it shows no colour, as at night.
     dark : bool
         Whether it is black.
     noise : Noise
@@ -52,7 +50,6 @@ class Appearance:
     """
 
     footage: Footage
-    grey: bool
     dark: bool
     noise: Noise
     blur: Quantity
@@ -82,7 +79,7 @@ class Appearance:
         return [
             ("size", f"{width}x{height} px" + (f": {footage.note}" if footage.note else "")), ("coder", footage.codec),
             *((name, quantity.text()) for name, quantity in stated.items()),
-            ("grey picture", "yes" if self.grey else "no"),
+            ("grey picture", "yes" if footage.grey else "no"),
             ("shot noise, variance per light", self.noise.gain.text()),
             ("read noise, of white", self.noise.read.text()),
             ("fixed pattern", never[0]),
@@ -112,11 +109,10 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
         Whether it was recorded by floodlights, which pixels do not show: their falloff is like that of a lens.
     """
     dark = float(np.quantile(footage.luma, 0.999)) < DARK
-    grey = footage.grey
     if dark:
         none, px = unknown(_BLACK), unknown(_BLACK, "px")
         return Appearance(
-            footage, grey, True, Noise(none, none, None), px, Sharpness(unknown(_BLACK, "%")),
+            footage, True, Noise(none, none, None), px, Sharpness(unknown(_BLACK, "%")),
             unknown(_BLACK, "stops"), none, (none, none), DisplayMatch(None, _BLACK, 0.0),
             Grab(exact(0.0), px, unknown(_BLACK, "°"), None, np.zeros((0, 4))),
         )  # fmt: skip
@@ -128,7 +124,7 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
     for x0, y0, x1, y1 in found.boxes.astype(int).tolist():
         covered[max(y0, 0) : y1 + 1, max(x0, 0) : x1 + 1] = True
     return Appearance(
-        footage, grey, False, noise(footage, standing, overlay), blur(footage, overlay), sharpness(footage, overlay),
+        footage, False, noise(footage, standing, overlay), blur(footage, overlay), sharpness(footage, overlay),
         unknown(_FLOODLIGHTS, "stops")
         if night
         else vignetting(footage, standing.pixels(*footage.luma.shape[1:]) if standing else None, covered),
@@ -140,9 +136,9 @@ def _means(footage: Footage) -> tuple[Quantity, tuple[Quantity, Quantity]]:
     """Mean luminance, and red and blue over green, with their spread from frame to frame."""
     means = np.array([to_linear(frame[::2, ::2]).mean(axis=(0, 1)) for frame in footage.rgb])
     level = _spread(means @ (0.2126, 0.7152, 0.0722))
-    if footage.grey:
-        return level, (unknown("the picture is grey"), unknown("the picture is grey"))
-    return level, (_spread(means[:, 0] / means[:, 1]), _spread(means[:, 2] / means[:, 1]))
+    red, green, blue = means.T
+    why = "the picture is grey" if footage.grey else "" if green.all() else "a frame shows no green"
+    return level, (unknown(why), unknown(why)) if why else (_spread(red / green), _spread(blue / green))
 
 
 def _spread(values: np.ndarray) -> Quantity:

@@ -63,10 +63,10 @@ class Noise:
 def noise(footage: Footage, still: StillBlocks | None, hidden: NDArray[np.bool_]) -> Noise:
     """Measure noise; ``hidden``, shape (height, width), are pixels of the display."""
     if still is None:
-        return _none("there are too few frames", None)
+        return _none("there are too few frames")
     blocks = _blocks(footage, still, hidden)
     if len(blocks.level) < LEAST_BLOCKS:
-        return _none("too little of the picture stands still and is neither black nor white", None)
+        return _none("too little of the picture stands still and is neither black nor white")
     curve, correlation = _curve(blocks), blocks.correlation
     typical = float(np.sqrt(np.median(blocks.variance)))
     if typical < 0.35:
@@ -182,5 +182,5 @@ def _fit(blocks: _Blocks) -> tuple[float, float]:
     return float(gain), float(read)
 
 
-def _none(reason: str, curve: Floats | None) -> Noise:
+def _none(reason: str, curve: Floats | None = None) -> Noise:
     return Noise(unknown(reason), unknown(reason), curve)

@@ -37,15 +37,10 @@ class StillBlocks:
     squares: NDArray[np.float32]
     next_squares: NDArray[np.float32]
 
-    @property
-    def always(self) -> NDArray[np.bool_]:
-        """Blocks that stand still nearly all the time, shape (rows, columns)."""
-        return np.asarray(self.blocks.mean(axis=0) > 0.9)
-
     def pixels(self, height: int, width: int) -> NDArray[np.bool_]:
         """Pixels of blocks that stand still nearly all the time, shape (height, width)."""
         whole = np.zeros((height, width), bool)
-        fine = self.always.repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)
+        fine = (self.blocks.mean(axis=0) > 0.9).repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)
         whole[: fine.shape[0], : fine.shape[1]] = fine
         return whole
 

@@ -9,7 +9,6 @@ from stress_runs import small
 
 from simgrab.errors import StressError
 from simgrab.lab.stress import catalogue, geometric, swings
-from simgrab.lab.stress.axes import AXES
 from simgrab.lab.stress.laws import LAWS
 from simgrab.lab.stress.study import situation
 from simgrab.lab.stress.swings import Draws
@@ -157,12 +156,6 @@ def test_probes_are_swings_of_ten_degrees_all_around():
 
     down = camera_rotation(found.beta, found.azimuth, 0.0).T @ (0.0, 0.0, -1.0)
     np.testing.assert_allclose(np.degrees(np.arccos(rays @ down)), 10.0, atol=1e-9)
-
-
-def test_axes_say_what_they_are():
-    for axis in AXES.values():
-        assert axis.description
-        assert axis.name == axis.name.lower()
 
 
 def test_each_replication_of_physics_begins_at_another_time_of_the_same_motion():

@@ -6,22 +6,19 @@ from dataclasses import replace
 import cv2
 import msgspec
 import numpy as np
-import pyarrow.compute as pc
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import tomli_w
-from click.testing import CliRunner
+from commands import run
 from stress_runs import refused
 
-from simgrab import __version__
-from simgrab.cli import cli
 from simgrab.dataset.render import render
-from simgrab.errors import SimgrabError, StressError
 from simgrab.instrument.observation import observe
 from simgrab.instrument.pipeline import assemble
 from simgrab.instrument.source import open_source
 from simgrab.lab.stress import catalogue, estimators, geometric, laboratory, rendered, replay
-from simgrab.lab.stress.laboratory import PARTIAL, STUDY, TRIALS, made, make, parts
+from simgrab.lab.stress.laboratory import TRIALS, make, parts
 from simgrab.lab.stress.rendered import Watched, watch
 from simgrab.lab.stress.study import quickened, situation
 from simgrab.model import calibration
@@ -108,31 +105,18 @@ def test_physics_brings_times_and_a_camera_that_moves():
 
 
 @pytest.mark.slow
-def test_an_interruption_changes_nothing(tmp_path):
-    """Nor does any number of workers: see `test_stress_same`."""
-    study = catalogue.read(SNOW | {"replications": 2, "axes": [{"axis": "weather.snow_mm_h", "values": [8]}]})
-    folder, counted = tmp_path / "pictures", []
-    identity = {"simgrab": __version__, "digest": study.digest, "made_with": rendered.made_with()}
-    identity["study"] = msgspec.to_builtins(study)
-    journal, part = laboratory.journal(study, tmp_path), parts(study)[1]
-    with journal.opened(identity):
-        (folder / PARTIAL / "draft-1-torn").write_bytes(b"half")
-        journal.add(part.file, made((study, part))[2])  # and then it was killed
-    laboratory.run([study], tmp_path, resume=True, progress=lambda *counts: counted.append(counts))
-    assert counted == [(1, 2), (2, 2)]
-    found = pq.read_table(folder / TRIALS)
-    assert found.filter(pc.equal(found["trial"], 0)).equals(make(study, parts(study)[0]))
-    (folder / STUDY).write_text(json.dumps(identity | {"made_with": "something else"}))
-    with pytest.raises(StressError, match="made_with differs"):
-        laboratory.run([study], tmp_path, resume=True)
+def test_a_worker_gives_what_this_process_does(tmp_path):
+    study = catalogue.read(SNOW)
+    laboratory.run([study], tmp_path)
+    found = pq.read_table(tmp_path / "pictures" / TRIALS)
+    assert found.equals(pa.concat_tables(make(study, part) for part in parts(study)))
 
 
 def test_a_replay_shows_its_worst_frames(clear, tmp_path):
     path = tmp_path / "pictures.toml"
     path.write_text(tomli_w.dumps(SNOW), encoding="utf-8")
-    arguments = ("stress", "--replay", path, 1, "--at", 0, "--out", tmp_path, "--json")
-    result = CliRunner().invoke(cli, [str(a) for a in arguments], catch_exceptions=False)
-    told = json.loads(result.stdout)["estimators"]["mean-ray"]
+    _, out, _ = run("stress", "--replay", path, 1, "--at", 0, "--out", tmp_path, "--json")
+    told = json.loads(out)["estimators"]["mean-ray"]
     assert told["used"] == np.isfinite(clear.pixels[1, :, 0]).mean()
     sheet = cv2.imread(str(tmp_path / "replay-pictures-1-frames.png"))
     assert sheet.shape == (2 * (360 + 24), 4 * 640, 3)
@@ -194,13 +178,8 @@ def test_bundled_studies_go_by_their_depth():
 
 
 def test_a_study_goes_to_another_depth_where_its_axes_reach_it():
-    def invoke(*arguments):
-        return CliRunner().invoke(cli, ["stress", *arguments, "--json"])
-
-    refused = invoke("lean-along", "--depth", "rendered").exception
-    assert isinstance(refused, SimgrabError)
-    assert "is not available" in str(refused)
-    assert "geometric, rendered" in str(invoke("--all", "--depth", "painted").exception)
+    assert "is not available" in run("stress", "lean-along", "--depth", "rendered")[2]
+    assert "geometric, rendered" in run("stress", "--all", "--depth", "painted")[2]
 
 
 def test_the_same_description_goes_without_pictures():

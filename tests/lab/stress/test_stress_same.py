@@ -96,9 +96,12 @@ def test_any_number_of_workers_and_a_kill_give_the_same_bytes(file, tmp_path):
     process.wait()
     assert len(list((killed / "small" / PARTIAL / "rows").glob("*.parquet"))) < len(parts(study))
     assert not (killed / "small" / TRIALS).exists()
+    (killed / "small" / PARTIAL / "draft-1-torn").write_bytes(b"half")
     with pytest.raises(StressError, match="--resume"):
         laboratory.run([study], killed)
-    laboratory.run([study], killed, resume=True)
+    counted = []
+    laboratory.run([study], killed, resume=True, progress=lambda done, _: counted.append(done))
+    assert 0 < counted[0] < counted[-1] == 6 * 20
     laboratory.run([study], tmp_path / "one")
     for name in (TRIALS, "summary.csv"):
         assert (killed / "small" / name).read_bytes() == (tmp_path / "one" / "small" / name).read_bytes()
@@ -139,13 +142,16 @@ def test_a_study_killed_while_it_cleaned_up_is_finished(finished, tmp_path):
     assert (out / laboratory.REPORT).read_bytes() == report
 
 
-def test_a_folder_of_another_study_is_left_alone(finished, tmp_path):
+def test_a_folder_of_another_study_is_left_alone(finished, tmp_path, monkeypatch):
     study, folder, _ = finished
     before = (folder / "focal" / TRIALS).read_bytes()
     with pytest.raises(StressError, match=r"study\.replications differs"):
         laboratory.run([small("focal", (0.0,), replications=3, n=20)], folder, resume=True)
     with pytest.raises(StressError, match="a finished study"):
         laboratory.run([study], folder)
+    monkeypatch.setattr(geometric, "made_with", lambda: "another renderer")
+    with pytest.raises(StressError, match="made_with differs"):
+        laboratory.run([study], folder, resume=True)
     assert (folder / "focal" / TRIALS).read_bytes() == before
     (tmp_path / "lean-along").mkdir()
     (tmp_path / "lean-along" / "letter.txt").write_text("mine")

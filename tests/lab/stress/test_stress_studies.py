@@ -8,12 +8,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import tomli_w
-from click.testing import CliRunner
+from commands import run
 from stress_runs import refused, small, summed
 
 import simgrab
-from simgrab.cli import cli
-from simgrab.errors import SimgrabError, StressError
+from simgrab.errors import StressError
 from simgrab.instrument.estimate import MeanRay
 from simgrab.lab.stress import catalogue, estimators, geometric
 from simgrab.lab.stress.catalogue import STUDIES
@@ -64,7 +63,7 @@ def test_a_study_that_cannot_be_is_refused_with_what_is_valid(case, tmp_path):
 
 def test_frames_are_refused_where_an_axis_sets_them():
     refused(lambda: simgrab.stress("n", frames=20), ("axis n", "leave frames out"))
-    assert "axis n" in str(CliRunner().invoke(cli, ["stress", "n", "--frames", "20"]).exception)
+    assert "axis n" in run("stress", "n", "--frames", 20)[2]
 
 
 @pytest.mark.parametrize(
@@ -221,7 +220,11 @@ class Wrong:
     ("changes", "said"),
     [
         ({}, "must return a simgrab.Estimate, got dict"),
-        ({"alpha": np.zeros(5)}, r"one value for each of 20 frames, got the shape \(5,\)"),
+        ({"alpha": np.zeros(5)}, r"alpha must have the shape \(20,\), got \(5,\)"),
+        ({"alpha": None}, "alpha is None"),
+        ({"beta": "steep"}, "beta must hold numbers, got 'steep'"),
+        ({"status": "refused", "offset": np.zeros(2)}, r"offset must have the shape \(3,\), got \(2,\)"),
+        ({"intervals": (replace(ENDS, beta=np.zeros(1)),)}, r"intervals: beta must have the shape \(2,\), got \(1,\)"),
         ({"alpha": np.full(20, np.nan)}, "alpha is NaN in every frame"),
         ({"alpha": np.full(20, 5.0)}, "alpha reaches 5 rad, beyond the horizontal; angles are in radians"),
         ({"beta": 3.0}, "beta reaches 3 rad, beyond the horizontal; angles are in radians"),
@@ -241,13 +244,6 @@ def test_what_an_estimator_must_not_return_is_refused_in_one_line(changes, said,
         estimators.run(f"{__name__}:Wrong", records)
 
 
-def invoke(*arguments):
-    result = CliRunner().invoke(cli, ["stress", *map(str, arguments)])
-    if result.exception and not isinstance(result.exception, SystemExit | SimgrabError):
-        raise result.exception
-    return result
-
-
 def test_how_many_limits_are_met_is_said_where_some_were_set():
     def of(*passed):
         return StudyResult(None, tuple(LimitVerdict("a study", "a limit", "found", one) for one in passed))
@@ -257,25 +253,24 @@ def test_how_many_limits_are_met_is_said_where_some_were_set():
 
 
 def test_the_list_names_every_study():
-    assert set(json.loads(invoke("--json").stdout)) == set(catalogue.names())
+    assert set(json.loads(run("stress", "--json")[1])) == set(catalogue.names())
 
 
 def test_a_replay_shows_diagnostics_and_its_picture(tmp_path):
-    result = invoke("--replay", "focal", 3, "--at", "5", "--out", tmp_path, "--json")
-    told = json.loads(result.stdout)
+    again = ("stress", "--out", tmp_path, "--replay", "focal")
+    told = json.loads(run(*again, 3, "--at", "5", "--json")[1])
     assert told["at"] == {"focal": 5.0}
     found = told["estimators"]["paper-iteration"]
     assert found["status"] == "ok"
     assert -0.5 < found["beta_error_deg"] < 0
     assert len(found["diagnostics"]["beta_history"]) == found["iterations"] + 1
     assert (tmp_path / "replay-focal-3.png").read_bytes()[1:4] == b"PNG"
-    assert "not a combination of axis values" in str(
-        invoke("--replay", "focal", 3, "--at", "7", "--out", tmp_path).exception
-    )
-    assert "0 to 999" in str(invoke("--replay", "focal", 1000, "--out", tmp_path).exception)
+    assert "not a combination of axis values" in run(*again, 3, "--at", "7")[2]
+    assert "0 to 999" in run(*again, 1000)[2]
 
 
 def test_a_verb_takes_one_thing_at_a_time():
-    assert invoke("focal", "--all").exit_code == 2
-    assert invoke("focal", "--workers", 0).exit_code == 2
-    assert isinstance(invoke("focal", "--out", "/proc/nowhere").exception, StressError)
+    assert run("stress", "focal", "--all")[0] == 2
+    assert "--at goes with --replay" in run("stress", "focal", "--at", "5")[2]
+    assert run("stress", "focal", "--workers", 0)[0] == 2
+    assert "cannot write to /proc/nowhere" in run("stress", "focal", "--out", "/proc/nowhere")[2]
