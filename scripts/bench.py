@@ -1,5 +1,6 @@
 """Measure simgrab on this machine. Ratios are taken pair by pair within one run, so that a noisy machine cancels.
 
+python -m scripts.bench render --scene quay-day       # a finished frame beside other renderers
 python -m scripts.bench scale --scene training        # what a plan of a large run starts from
 python -m scripts.bench dataset --scene training --workers 1,2,4 --reference FOLDER   # from command to manifest
 python -m scripts.bench motion                        # the physics of a clip
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 
 from scripts import bench_results
 from scripts.bench_results import Quantity, Results, ResultsError
+from scripts.renderers import compared
 from simgrab.cli import main as run_command
 from simgrab.model import layouts, scenes
 
@@ -263,6 +265,14 @@ def run(video: Path, detector: str, frames: int, live_frames: int) -> Iterator[Q
 
 
 VERBS: dict[str, tuple[Callable[..., Iterator[Quantity]], list[click.Parameter]]] = {
+    "render": (compared, [
+        click.Option(["--scene"], default="quay-day", show_default=True),
+        click.Option(["--size"], help="WIDTHxHEIGHT in pixels; the scene's own unless given."),
+        click.Option(["--frames"], default=30, show_default=True, type=COUNT),
+        click.Option(["--pyrender"], is_flag=True, help="Include pyrender."),
+        click.Option(["--blender"], metavar="PYTHON", help="Include Blender, by an interpreter that can import bpy."),
+        click.Option(["--traced"], default=4, show_default=True, type=COUNT, help="Frames by Blender."),
+    ]),
     "scale": (scale, [
         click.Option(["--scene"], default="training", show_default=True),
         click.Option(["--size"], help="WIDTHxHEIGHT in pixels; the scene's own unless given."),

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from scripts import bench, bench_results
 from scripts.bench import in_turns
 from scripts.bench_results import Quantity, Results, compare, ratio
+from scripts.renderers import compared
 from simgrab.errors import SimgrabError
 
 FRAME = Quantity("frame", "ms", (130.0, 134.0, 150.0, 141.0))
@@ -108,3 +109,11 @@ def test_acts_take_turns_and_warm_up_untimed():
     took = in_turns(acts, range(5), 2)
     assert calls == [(name, item) for item in range(5) for name in acts]
     assert {name: len(seconds) for name, seconds in took.items()} == {"a": 3, "b": 3}
+
+
+@pytest.mark.slow
+def test_renderers_take_turns_over_worlds_that_change():
+    found = list(compared("training-large", (480, 270), 8, pyrender=False, blender=None, traced=1))
+    assert {quantity.name.partition(":")[0] for quantity in found} == {"simgrab", "mujoco.Renderer"}
+    assert {len(quantity.samples) for quantity in found} == {8}
+    assert all(quantity.median > 0 for quantity in found)
