@@ -49,7 +49,7 @@ class Rule(Checked, frozen=True):
 
 
 ALARM = Rule()
-# Of "will pass 10° within 6 s": fitted to one false warning in an hour of work (docs/results/early-warning.md).
+# Of "will pass 10° within 6 s": fitted to one false warning in an hour of work by `scripts.early_warning`.
 WARNING = Rule(raised_at=0.6)
 
 
