@@ -102,7 +102,7 @@ def _readings(time: Array, jib: Array, rng: np.random.Generator, reading: Readin
     values[rng.random(len(at)) < reading["dropout"]] = np.nan
     values[at % MINUTE_S > MINUTE_S - reading["gap_s"]] = np.nan
     slew_sd, radius_sd = (steps / np.sqrt(12)).tolist()
-    return Controller(at + reading["lag_s"], values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0, CLOCK_SD_S)
+    return Controller(at + reading["lag_s"], values[:, 0], values[:, 1], None, slew_sd, radius_sd, CLOCK_SD_S)
 
 
 def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:

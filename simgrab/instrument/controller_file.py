@@ -258,15 +258,14 @@ def read_controller(
     grid = max((time for time, _, _ in series.values()), key=len, default=stamps)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
-    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope")) | dict.fromkeys(
-        ("slew_sd", "radius_sd", "rope_sd"), 0.0
-    )
-    found["wind"] = np.column_stack([stamps, speed]) if varies else None
+    found: dict[str, Any] = {"wind": np.column_stack([stamps, speed]) if varies else None}
     for name, (time, values, sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
         joined[holes + 1 + np.arange(len(holes))] = np.nan
-        found |= {name: joined, f"{name}_sd": sd}
+        found[name] = joined
+        if name != "rope":
+            found[f"{name}_sd"] = sd
     if facts.rope is not None:
         found["rope_unit"] = facts.rope.unit
     if facts.time.start is None:

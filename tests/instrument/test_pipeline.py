@@ -163,7 +163,7 @@ def test_a_record_without_a_grab_is_refused_frame_by_frame(crane):
     found = made().conclude(few, crane.calibration)
     assert found.measurements[-1].status == "refused"
     assert "fewer than" in found.measurements[-1].reason
-    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003)
+    data = Controller(crane.time, rope=crane.rope)
     for reported in (None, data):
         assert made(controller=reported).conclude([], crane.calibration).measurements == ()
 
@@ -253,7 +253,7 @@ def test_the_direction_is_stated_of_cameras_that_do_not_move_and_with_the_contro
 
 def test_a_live_record_takes_the_controllers_rope(crane):
     few, camera = crane.observations(1.0)[:200], msgspec.structs.replace(crane.calibration, digit_layout=None)
-    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003)
+    data = Controller(crane.time, rope=crane.rope)
     live = list(Pipeline(Scripted(few), None, controller=data).live(frames_of(few), camera))
     np.testing.assert_allclose([one.measurement.rope_length_m for one in live], crane.rope[:200])
     assert live[-1].tilt.estimator == "rope-aware"
@@ -263,7 +263,7 @@ def test_a_live_record_takes_the_controllers_rope(crane):
 def test_a_live_record_on_a_clock_that_is_not_known_takes_the_display_while_it_is_read(crane, clock_sd_s, by_display):
     few = crane.observations(1.0)[:200]
     few[150:] = [msgspec.structs.replace(one, rope_status="unread", hoist_m=None) for one in few[150:]]
-    data = Controller(crane.time - 4.0, None, None, crane.rope + 0.5, 0.0, 0.0, 0.003, clock_sd_s)
+    data = Controller(crane.time - 4.0, rope=crane.rope + 0.5, clock_sd_s=clock_sd_s)
 
     def lengths(controller):
         said = Scripted(few)
@@ -300,7 +300,7 @@ def test_a_mirrored_offset_is_named_however_exactly_it_is_stated(mount, given, s
 @pytest.mark.parametrize(("late_s", "followed"), [(-2.5, True), (0.0, True), (0.0, False), (2.5, False)])
 def test_a_live_record_reports_a_controllers_clock_that_is_off_the_displays(crane, late_s, followed):
     said = Scripted(seen := crane.observations(1.0)[:720])
-    data = Controller(crane.time - late_s, None, None, crane.rope + 0.1, 0.0, 0.0, 0.003, 5.0)
+    data = Controller(crane.time - late_s, rope=crane.rope + 0.1, clock_sd_s=5.0)
 
     given = {"feed": Feed(dataclasses.replace(data, hold_s=3.0))} if followed else {"controller": data}
     live = Pipeline(said, said, **given).live(frames_of(seen), crane.calibration)
@@ -315,7 +315,7 @@ def test_a_live_record_reports_a_controllers_clock_that_is_off_the_displays(cran
 @pytest.mark.parametrize(("every_s", "factor", "faults"), [(4.0, 1.0, 0), (4.0, 3.28, 1)])
 def test_a_controller_that_writes_seldom_is_on_time_and_one_in_feet_is_reported_once(crane, every_s, factor, faults):
     said = Scripted(seen := crane.observations(1.0)[:1800])
-    data = Controller(crane.time - 0.5, None, None, factor * crane.rope, 0.0, 0.0, 0.003, 5.0)
+    data = Controller(crane.time - 0.5, rope=factor * crane.rope, clock_sd_s=5.0)
 
     feed = Feed(dataclasses.replace(data, hold_s=5.0), every_s=every_s)
     live = list(Pipeline(said, said, feed=feed).live(frames_of(seen), crane.calibration))
@@ -337,7 +337,7 @@ def test_a_live_record_uses_the_wind_that_the_controller_reports(crane):
 
     def last(wind_m_s):
         wind = np.array([[0.0, wind_m_s], [60.0, wind_m_s]])
-        data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, wind=wind)
+        data = Controller(crane.time, rope=crane.rope, wind=wind)
         return list(Pipeline(Scripted(few), Scripted(few), controller=data).live(frames_of(few), crane.calibration))[-1]
 
     calm, windy = (last(wind_m_s).tilt.covariance[0][0] for wind_m_s in (3.0, 12.0))
@@ -359,7 +359,7 @@ def test_a_live_forecast_uses_the_motion_that_a_followed_controller_reports(cran
     few, at = crane.observations(1.0)[:300], np.arange(0, 60, 0.1)
     counts = np.array([np.radians(0.1), 0.01])
     slew, radius = (CubicSpline(crane.time, crane.jib)(at) / counts).round().T * counts[:, None]
-    data = Controller(at, slew, radius, None, *(counts / np.sqrt(12)).tolist(), 0.0)
+    data = Controller(at, slew, radius, None, *(counts / np.sqrt(12)).tolist())
 
     feed = Feed(data, states_rope=False, states_motion=states_motion, latest_s=60.0)
     list(Pipeline(Scripted(few), Scripted(few), feed=feed).live(frames_of(few), crane.calibration))
