@@ -6,17 +6,15 @@ from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from simgrab.judge.audit.proof import Findings, Proof
+from simgrab.model.geometry import Array
 from simgrab.model.scenario import DoublePendulum, FourRopes, OneBody, Suspension
 from simgrab.model.truth import Truth
 
 IDENTITY_TOLERANCE = 1e-9
 PIXEL_TOLERANCE = 1e-6
-
-Array = NDArray[np.float64]
 
 
 def paper_identities(rows: Sequence[Truth]) -> Proof:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from simgrab.errors import RendererError
 from simgrab.judge.audit.proof import Findings, Proof
 from simgrab.judge.audit.second_renderer import SecondRenderer, Shapes, open_second_renderer
+from simgrab.model.geometry import Array
 from simgrab.model.truth import Truth
 from simgrab.world.camera.lens import Window
 from simgrab.world.frames import FrameGenerator
@@ -25,7 +26,6 @@ LEAST_IOU = 0.98
 MOST_SAMPLES = 5000  # a side of the supersampled picture
 CLAIM = "a second renderer renders the same silhouette"
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
