@@ -114,7 +114,17 @@ class Run:
     @property
     def alpha(self) -> Array:
         """Swing of each frame, rad, shape (n,); NaN where there is none."""
-        return np.array([np.nan if m.alpha is None else m.alpha for m in self.measurements], float)
+        return np.array([m.alpha for m in self.measurements], float)
+
+    @property
+    def ends(self) -> Array:
+        """Ends of the 95 % intervals, rad, shape (n, 2); NaN where there is none."""
+        return np.array([(m.alpha_low, m.alpha_high) for m in self.measurements], float).reshape(-1, 2)
+
+    @property
+    def rope_length(self) -> Array:
+        r"""Lengths \|OA\| from which the swings were computed, m, shape (n,); NaN where there is none."""
+        return np.array([m.rope_length_m for m in self.measurements], float)
 
     @property
     def pixels(self) -> Array:

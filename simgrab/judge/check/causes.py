@@ -67,7 +67,7 @@ def causes(
         yield Cause(f"{late.text}.", late.alternatives)
     elif any(what.startswith("detection.centre") for what in failed):
         yield from _of_pixels(trial)
-    read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+    read = run.rope_length
     display, shown = trial.dataset.scenario.display, trial.dataset.scenario.display_layout is not None
     ages_s = (display.lag_s, display.lag_s + 1 / display.refresh_hz) if shown else None
     wrong = of_rope(read, trial.known.rope_length, run.time, ages_s=ages_s)

@@ -132,7 +132,7 @@ class _Parts:
 
     @classmethod
     def of(cls, run: Run, known: Truths) -> _Parts | None:
-        read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+        read = run.rope_length
         reads = not np.isnan(read).all()
         used = read if reads else known.rope_length  # without a display the length plays no part
         centres = {"true": known.centre, "box": known.box_centre, "detected": run.pixels}

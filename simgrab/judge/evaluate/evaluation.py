@@ -62,7 +62,7 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "detection": of_detection(run, known),
         "reading": of_reading(run, known),
         "angle": swings.angles(run.alpha, known.alpha, known.rope_length, known.weather),
-        "interval": swings.coverage(run.measurements, known.alpha),
+        "interval": swings.coverage(run.ends, known.alpha),
         "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha),
         "warning": _of_warning(run, known.alpha),
         "budget": budget(run, known),
@@ -140,8 +140,7 @@ def of_reading(run: Run, known: Truths) -> ReadingScore | None:
         for i, (m, row) in enumerate(zip(run.measurements, known.rows, strict=True))
         if texts and row is not None and row.rope_text is not None and m.status != "lost"
     ]
-    length = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
-    off = np.abs(length - known.rope_length)
+    off = np.abs(run.rope_length - known.rope_length)
     off = off[np.isfinite(off)]
     if not reads and not len(off):
         return None
