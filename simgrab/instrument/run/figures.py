@@ -19,9 +19,7 @@ def _axis(run: Run) -> tuple[Array, str]:
 def mark_lost(axes: Axes, at: Array, run: Run) -> None:
     """Mark frames without an angle by ticks at α = 0, in a colour for each status; ``at`` (n,) are their times."""
     for status, colour in _LOST.items():
-        where = np.array([m.status == status for m in run.measurements])
-        if where.any():
-            axes.plot(at[where], np.zeros(where.sum()), "|", color=colour, ms=9, label=status, rasterized=True)
+        _foot(axes, at[[m.status == status for m in run.measurements]], colour, status)
 
 
 def trace(run: Run) -> Figure:
@@ -81,8 +79,7 @@ def rope(run: Run) -> Figure:
     at, label = _axis(run)
     axes.plot(at, run.rope_length, ".", ms=4, color=GREEN, mew=0, label="|OA|", rasterized=True)
     for status, colour in (("refused", GREY), ("jump", RED)):
-        where = np.array([m.rope_status == status for m in run.measurements])
-        _foot(axes, at[where], colour, f"display: {status}")
+        _foot(axes, at[[m.rope_status == status for m in run.measurements]], colour, f"display: {status}")
     axes.set(xlabel=label, ylabel="rope (m)", ylim=(0, None), xlim=_span(at))
     axes.legend(fontsize=8, loc="lower right")
     return figure
