@@ -20,14 +20,16 @@ class Fixed:
     def __call__(self, frames, calibration):  # noqa: ARG002
         return [
             Measurement(status="ok", alpha=0.2, danger=0.9, centre=(30.0 + i, 20.0), rope_text="1500 1600")
-            for i, _ in enumerate(frames)
+            if frame.picture is not None
+            else Measurement(status="lost", reason=frame.reason)
+            for i, frame in enumerate(frames)
         ]
 
 
 @pytest.fixture
 def made():
-    frames = [Frame(np.zeros((48, 64, 3), np.uint8), i / 9) for i in range(12)]
-    return measure(frames, CAMERA, Fixed(), source="video")
+    frames = [Frame(np.zeros((48, 64, 3), np.uint8), i / 9) for i in range(11)]
+    return measure([*frames, Frame(None, 11 / 9, "gone")], CAMERA, Fixed(), source="video")
 
 
 @pytest.fixture
