@@ -258,7 +258,9 @@ class Pipeline:
 
     def _calibrated(self, time: Array | None) -> Array | None:
         """Select the times of the frames, of (n,), that the tilt is estimated from."""
-        return time if time is None or self.calibrate_s is None else time[time < time[0] + self.calibrate_s]
+        if time is None or self.calibrate_s is None or not len(time):
+            return time
+        return time[time < time[0] + self.calibrate_s]
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""

@@ -231,6 +231,12 @@ def test_boxes_that_reach_the_edge_of_the_picture_are_named(right, cut):
     assert found.about["notes"] == (notes if cut else [])
 
 
+@pytest.mark.parametrize("calibrate_s", [None, 60.0])
+def test_a_source_without_frames_is_refused(calibrate_s):
+    with pytest.raises(SourceError, match="yard: it contains no frames"):
+        measure([], CAMERA, Pipeline(nothing, None, calibrate_s=calibrate_s), source="yard")
+
+
 def test_a_run_with_too_few_frames_says_so():
     def middle(_picture):
         return Detection("found", "", 0.9, np.array([20.0, 10.0, 40.0, 30.0]), np.array([30.0, 20.0]))
