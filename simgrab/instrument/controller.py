@@ -82,11 +82,6 @@ class Controller:
         return self.slew is not None or self.radius is not None
 
     @property
-    def later_than_display(self) -> bool:
-        """Whether its clock may be further off than a display is late."""
-        return self.clock_sd_s > math.hypot(DELAY_S, DELAY_SD_S)
-
-    @property
     def stated_clock(self) -> ClockOffset:
         """The offset of its clock as its description states it."""
         return ClockOffset(0.0, self.clock_sd_s, self.clock_from)

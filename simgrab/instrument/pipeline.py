@@ -17,7 +17,7 @@ from simgrab.errors import RunError
 from simgrab.instrument import angles
 from simgrab.instrument.angles import RecordArrays
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.controller import ClockOffset, Controller
+from simgrab.instrument.controller import DELAY_S, DELAY_SD_S, ClockOffset, Controller
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
@@ -125,8 +125,11 @@ class Pipeline:
 
     @property
     def display_first(self) -> bool:
-        """Whether a live run takes the display's rope length where it is read: the controller's clock is not known."""
-        return self.controller is not None and self.controller.later_than_display
+        """Whether a live run takes the display's rope length where it is read.
+
+        That is so where the controller's clock may be further off than a display is late.
+        """
+        return self.controller is not None and self.controller.clock_sd_s > math.hypot(DELAY_S, DELAY_SD_S)
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record."""
