@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -281,7 +282,7 @@ class Pipeline:
             observations.append(one(frame, self.detector, self.reader, calibration))
             start = at if math.isnan(start) else start
             controller = self.controller if self.feed is None else self.feed.poll(at)
-            recent = _recent(observations)
+            recent = observations[_before(observations, at - WINDOW_S) :]
             ropes = rope(recent, calibration)
             newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
             if controller is not None:
@@ -293,7 +294,7 @@ class Pipeline:
             lengths.append(float(newest.rope_length[0]))
             if at - start >= due:
                 due = at - start + AGAIN_S
-                old = sum(_time(s) < at - KEPT_S for s in observations)
+                old = _before(observations, at - KEPT_S)
                 del observations[:old], lengths[:old]
                 if estimated:
                     whole = angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
@@ -325,7 +326,7 @@ class Pipeline:
             sd = newest.direction_sd(calibration.focal_length_px)
             if tracker is None and watch.knock(at, swing, sd, newest.rope_length):
                 tilt, estimated, forecaster, start, due = None, True, Forecaster(), watch.since, WARM_UP_S
-                old = sum(_time(s) < start for s in observations)
+                old = _before(observations, start)
                 del observations[:old], lengths[:old]
             seconds = time.perf_counter() - begun
             yield Live(frame, observations[-1], measured, used, seconds, watch.found(at))
@@ -379,17 +380,9 @@ def still(calibration: Calibration, estimator: Estimator | None) -> bool:
     return calibration.mount == "fixed" or (not calibration.mount and not moving(estimator))
 
 
-def _time(observation: Observation) -> float:
-    assert observation.time_s is not None
-    return observation.time_s
-
-
-def _recent(observations: Sequence[Observation]) -> list[Observation]:
-    first = _time(observations[-1]) - WINDOW_S
-    kept = len(observations) - 1
-    while kept and _time(observations[kept - 1]) >= first:
-        kept -= 1
-    return list(observations[kept:])
+def _before(observations: Sequence[Observation], time_s: float) -> int:
+    """Count the observations of a live record before a time."""
+    return bisect_left(observations, time_s, key=lambda observation: observation.time_s or 0.0)
 
 
 def assemble(
