@@ -123,14 +123,15 @@ class Slew(Quantity, frozen=True, kw_only=True):
     clockwise: bool = False
 
 
-class Radius(Quantity, frozen=True, kw_only=True):
-    """Distance from the slewing axis to the rope exit O, less ``constant_m``: an outreach begins at a rail or quay.
-
-    Not stated, it is taken as 0 with a note.
-    """
+class Length(Quantity, frozen=True, kw_only=True):
+    """A length less ``constant_m``, which is taken as 0 with a note if it is not stated."""
 
     unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
     constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] | None = None
+
+
+class Radius(Length, frozen=True, kw_only=True):
+    """Distance from the slewing axis to the rope exit O: an outreach begins at a rail or quay."""
 
 
 class Luff(Quantity, frozen=True, kw_only=True):
@@ -141,11 +142,8 @@ class Luff(Quantity, frozen=True, kw_only=True):
     pivot_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
 
 
-class RopeLength(Quantity, frozen=True, kw_only=True):
-    """Length of the hoisting rope: |OA| less ``constant_m``, which is taken as 0 with a note if it is not stated."""
-
-    unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
-    constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] | None = None
+class RopeLength(Length, frozen=True, kw_only=True):
+    """Length of the hoisting rope, |OA|."""
 
 
 class Wind(Quantity, frozen=True, kw_only=True):
@@ -347,7 +345,7 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
         notes.append(f"{where}: {empty} of {len(raw)} cells are empty")
     low, high, speed, unit = _LIMITS[name]
     values = raw * scale
-    if isinstance(quantity, Radius | RopeLength):
+    if isinstance(quantity, Length):
         values = values + (quantity.constant_m or 0.0)
         if quantity.constant_m is None:
             means = "|OA| is the length itself" if name == "rope" else "it begins at the slewing axis, not at a rail"
