@@ -91,12 +91,9 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows += _intervals(estimate, timed=run.time is not None)
     elif run.about["tilt"] is not None:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
-    owed = run.about.get("assumed", {}).get("text")
-    rows += [("95 % intervals", owed)] if owed else []
-    leans = run.about.get("assumed", {}).get("leans")
-    rows += [("warning", leans)] if leans else []
-    beyond = run.about.get("assumed", {}).get("beyond")
-    rows += [("contradicts the camera file", beyond)] if beyond else []
+    for name, key in (("95 % intervals", "text"), ("warning", "leans"), ("contradicts the camera file", "beyond")):
+        text = run.about.get("assumed", {}).get(key)
+        rows += [(name, text)] if text else []
     above = run.about.get("above_10_deg", {})
     if above.get("share") is not None:
         ends = "" if above["low"] is None else f" ({percent(above['low'])} to {percent(above['high'])}, 95 %)"
