@@ -46,19 +46,10 @@ def paper_identities(rows: Sequence[Truth]) -> Proof:
     return found.proof("eqs (1) and (2) of the paper hold, seen from the camera", f"worst residual {worst:.1e}")
 
 
-def _as_one_body(_row: Truth) -> tuple[Suspension, float]:
-    return OneBody(), 0.0
-
-
-def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, float]] = _as_one_body) -> Proof:
+def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, float]]) -> Proof:
     """Check stored poses against stored angles, lengths and offsets, by SciPy's rotations.
 
-    Parameters
-    ----------
-    rows : sequence of Truth
-    hanging : callable
-        Returns how a row's grab hangs, and the height of its rope ends in the grab's frame, m; by default grab and
-        ropes are one body.
+    ``hanging`` returns how a row's grab hangs, and the height of its rope ends in the grab's frame, m.
     """
     found, worst = Findings(), 0.0
     for row in rows:
