@@ -87,18 +87,18 @@ def compare(rows: Sequence[Truth], generator: FrameGenerator, tick: Iterable[Non
     """
     found, worst = Findings(), NONE
     try:
-        with open_second_renderer() as choice:
+        with open_second_renderer() as (renderer, note):
             for _, group in groupby(
                 zip(rows, tick, strict=False), lambda row: generator.recipe.variant_number(row[0].frame)
             ):
                 seen = [row for row, _ in group if row.in_frame_fraction > 0]
                 if seen:
-                    choice.renderer.load(grab_shapes(generator, seen[0].frame))
+                    renderer.load(grab_shapes(generator, seen[0].frame))
                 for row in seen:
-                    worst = worst.worst(_compare(row, generator, choice.renderer, found))
+                    worst = worst.worst(_compare(row, generator, renderer, found))
     except RendererError as problem:
         return Proof(CLAIM, 0, note=str(problem))
-    return found.proof(CLAIM, f"{worst}; {choice.note}", choice.renderer.name)
+    return found.proof(CLAIM, f"{worst}; {note}", renderer.name)
 
 
 def grab_shapes(generator: FrameGenerator, frame: int) -> Shapes:
