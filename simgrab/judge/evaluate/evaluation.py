@@ -98,7 +98,7 @@ def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
 def cases(run: Run, known: Truths) -> list[Case]:
     """Join the frames of known truth with what was found in them."""
     return [
-        Case(row, bool(labelled), weather, _detection(m))
+        Case(row, bool(labelled), _detection(m), weather)
         for row, labelled, weather, m in zip(known.rows, known.labelled, known.weather, run.measurements, strict=True)
         if row is not None
     ]
