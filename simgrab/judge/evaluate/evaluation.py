@@ -87,9 +87,8 @@ def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
     """Score boxes and centres; None if the instrument measured frames but outputs neither."""
     boxes = any(m.box is not None for m in run.measurements)
     centres = any(m.centre is not None for m in run.measurements)
-    if not (boxes or centres or any(m.status == "missed" for m in run.measurements)):
-        return None
-    if not (boxes or centres) and any(m.status == "ok" for m in run.measurements):
+    statuses = {m.status for m in run.measurements}
+    if not (boxes or centres) and ("ok" in statuses or "missed" not in statuses):
         return None
     found = detection.figures(cases(run, known)) | {"jitter_px": jitter(run, known)}
     return found | dict.fromkeys(_OF_BOXES) if centres and not boxes else found
