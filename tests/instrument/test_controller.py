@@ -51,13 +51,9 @@ def quantity(column, unit, resolution=1e-3, **more):
 def plain(folder, change=lambda columns: columns, **tables):
     """Write the crane in metres, degrees and seconds, after a change of its columns."""
     columns = {"t": TIME, "slew": np.degrees(SLEW), "radius": RADIUS, "rope": ROPE}
-    about = {
-        "time": {"column": "t"},
-        "slew": quantity("slew", "deg"),
-        "radius": quantity("radius", "m", constant_m=0.0),
-    }
-    cells = change({name: [f"{value:.6f}" for value in values] for name, values in columns.items()})
-    return written(folder, cells, about | {"rope": quantity("rope", "m", constant_m=0.0)} | tables)
+    lengths = {name: quantity(name, "m", constant_m=0.0) for name in ("radius", "rope")}
+    about = {"time": {"column": "t"}, "slew": quantity("slew", "deg")} | lengths
+    return written(folder, change({name: texts(values) for name, values in columns.items()}), about | tables)
 
 
 @settings(max_examples=15, deadline=None)
