@@ -213,8 +213,11 @@ def _event(plain: dict[str, Any]) -> dict[str, Any]:
 
 def _sheet(found: pa.Table) -> pa.Table:
     """Make a table safe for a spreadsheet, which might take text as a formula."""
-    safe = [{k: cell(v) if isinstance(v, str) else v for k, v in row.items()} for row in found.to_pylist()]
-    return pa.Table.from_pylist(safe, schema=found.schema)
+    for i, field in enumerate(found.schema):
+        if pa.types.is_string(field.type):
+            texts = [None if text is None else cell(text) for text in found.column(i).to_pylist()]
+            found = found.set_column(i, field, pa.array(texts, pa.string()))
+    return found
 
 
 def save(run: Run, folder: Path) -> None:
