@@ -111,6 +111,19 @@ def scene_of(*given, **changes):
     return scene
 
 
+@pytest.fixture(scope="module")
+def sound_trial(place):
+    return scene_of(place).trial
+
+
+def notes_of(trial, folder, limits, metrics=(), change=lambda _: {}):
+    """Notes on a trial with other metrics, and with a change of its true rows."""
+    rows = tuple(msgspec.structs.replace(row, **change(row)) for row in trial.known.rows)
+    known, metrics = dataclasses.replace(trial.known, rows=rows), {**trial.metrics, **dict(metrics)}
+    other = dataclasses.replace(trial, known=known, metrics=metrics)
+    return gate.judged("swing", other, limited(folder, limits).limits).notes
+
+
 def failed(result):
     return {verdict.what: verdict.message for verdict in result.verdicts if verdict.status == "failed"}
 
@@ -344,10 +357,9 @@ def test_a_wrong_tilt_is_named(place, tmp_path):
     assert "the tilt first" not in " ".join(why_of(scene.trial))
 
 
-def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
+def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(sound_trial):
     """Of centres 6 px to the right, from which the angles follow with the true tilt or without any."""
-    scene = scene_of(place)
-    run, known = scene.trial.run, scene.trial.known
+    run, known = sound_trial.run, sound_trial.known
     centred = tuple(msgspec.structs.replace(m, centre=(m.centre[0] + 6, m.centre[1])) for m in run.measurements)
     seen = []
     for row, centre in zip(known.rows, by_centres(dataclasses.replace(run, measurements=centred), known), strict=True):
@@ -358,7 +370,7 @@ def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
         angles, stated = leaning(seen, lean=lean), bool(lean.any())
         found = [msgspec.structs.replace(m, alpha=float(a)) for m, a in zip(centred, angles, strict=True)]
         about = run.about | {"tilt": None, "estimate": None}
-        trial = dataclasses.replace(scene.trial, run=dataclasses.replace(run, measurements=tuple(found), about=about))
+        trial = dataclasses.replace(sound_trial, run=dataclasses.replace(run, measurements=tuple(found), about=about))
         why = " ".join(why_of(trial))
         assert ("as if the tilt of 5.0° were left out" in why) == stated
         assert ("The angles are as" in why) == stated
@@ -366,17 +378,16 @@ def test_what_wrong_centres_cause_is_not_taken_for_another_mistake(place):
 
 
 @pytest.mark.parametrize("missed", [0, 1])
-def test_errors_that_nothing_explains_are_stated_as_such(place, missed, monkeypatch):
+def test_errors_that_nothing_explains_are_stated_as_such(sound_trial, missed, monkeypatch):
     """Of a pipeline that outputs angles alone, and misses a frame or none."""
-    scene = scene_of(place)
-    true = scene.trial.known.alpha
+    true = sound_trial.known.alpha
     noise = np.random.default_rng(0).normal(0, np.deg2rad(2.0), len(true))
     measured = [Measurement(status="ok", alpha=float(alpha)) for alpha in np.abs(true + noise)]
     measured[:missed] = [Measurement(status="missed", reason="hidden")] * missed
-    about = scene.trial.run.about | {"tilt": None, "estimate": None}
-    run = dataclasses.replace(scene.trial.run, measurements=tuple(measured), about=about)
-    evaluation = msgspec.structs.replace(scene.trial.evaluation, budget=None)
-    trial = dataclasses.replace(scene.trial, run=run, evaluation=evaluation)
+    about = sound_trial.run.about | {"tilt": None, "estimate": None}
+    run = dataclasses.replace(sound_trial.run, measurements=tuple(measured), about=about)
+    evaluation = msgspec.structs.replace(sound_trial.evaluation, budget=None)
+    trial = dataclasses.replace(sound_trial, run=run, evaluation=evaluation)
     *others, last = why_of(trial)
     assert last == "No single mistake was found that explains the errors of the angle."
     assert len(others) == missed
@@ -422,33 +433,25 @@ def test_a_figure_without_a_value_is_explained_by_no_other_error(place, tmp_path
     assert scene.causes == ""
 
 
-def test_frames_in_which_the_grab_hardly_swings_are_named(place, tmp_path):
-    scene = scene_of(place)
-    limits = limited(tmp_path, {RMSE: {"upper": 1.0}}).limits
-    rows = [msgspec.structs.replace(row, alpha_deg=0.01 * row.alpha_deg) for row in scene.trial.known.rows]
-    still = dataclasses.replace(scene.trial.known, rows=tuple(rows))
-    (note,) = gate.judged("swing", dataclasses.replace(scene.trial, known=still), limits).notes
+def test_frames_in_which_the_grab_hardly_swings_are_named(sound_trial, tmp_path):
+    limits = {RMSE: {"upper": 1.0}}
+    (note,) = notes_of(sound_trial, tmp_path, limits, change=lambda row: {"alpha_deg": 0.01 * row.alpha_deg})
     assert note.startswith("swing: warning: the grab hardly swings (standard deviation 0.0")
 
 
-def test_limits_on_lengths_that_do_not_change_are_named(place, tmp_path):
-    scene = scene_of(place)
-    limits = limited(tmp_path, {"reading.length.p95_m": {"upper": 1.0}}).limits
-    rows = [msgspec.structs.replace(row, rope_length_m=20.0) for row in scene.trial.known.rows]
-    for known, named in ((dataclasses.replace(scene.trial.known, rows=tuple(rows)), True), (scene.trial.known, False)):
-        notes = gate.judged("swing", dataclasses.replace(scene.trial, known=known), limits).notes
-        assert any("the rope's length hardly changes" in note for note in notes) == named
+@pytest.mark.parametrize(("change", "named"), [({"rope_length_m": 20.0}, True), ({}, False)])
+def test_limits_on_lengths_that_do_not_change_are_named(sound_trial, tmp_path, change, named):
+    notes = notes_of(sound_trial, tmp_path, {"reading.length.p95_m": {"upper": 1.0}}, change=lambda _: change)
+    assert any("the rope's length hardly changes" in note for note in notes) == named
 
 
-def test_a_limit_on_missed_alarms_is_named_where_no_swing_can_be_missed(place, tmp_path):
-    scene = scene_of(place)
-    limit = limited(tmp_path, {"alarm.missed": {"upper": 0}}).limits
-    for sure, said in ((0.0, ("swing: warning: alarm.missed tests nothing, since no swing exceeds 10.5°",)), (1.0, ())):
-        metrics = {**scene.trial.metrics, "alarm.sure": sure, "alarm.missed": 0.0}
-        *notes, last = gate.judged("swing", dataclasses.replace(scene.trial, metrics=metrics), limit).notes
-        assert tuple(notes) == said
+def test_a_limit_on_missed_alarms_is_named_where_no_swing_can_be_missed(sound_trial, tmp_path):
+    for sure, said in ((0.0, ["swing: warning: alarm.missed tests nothing, since no swing exceeds 10.5°"]), (1.0, [])):
+        metrics = {"alarm.sure": sure, "alarm.missed": 0.0}
+        *notes, last = notes_of(sound_trial, tmp_path, {"alarm.missed": {"upper": 0}}, metrics)
+        assert notes == said
         assert last == "swing: warning: no limit is on angle.*, so that the same angle in every frame may pass"
-    assert not gate.judged("swing", scene.trial, limited(tmp_path, {RMSE: {"upper": 0.4}}).limits).notes
+    assert not notes_of(sound_trial, tmp_path, {RMSE: {"upper": 0.4}})
 
 
 @pytest.mark.parametrize(
@@ -480,10 +483,9 @@ def test_angles_in_degrees_are_named():
     assert "57.30 times the true one, as if it were in degrees" in said
 
 
-def test_inputs_that_explain_nothing_count_for_nothing_where_a_true_swing_is_not_known(place):
+def test_inputs_that_explain_nothing_count_for_nothing_where_a_true_swing_is_not_known(sound_trial):
     """Of right angles beside centres that are 100 px off, and of a frame without a grab."""
-    scene = scene_of(place)
-    run, true = scene.trial.run, scene.trial.known
+    run, true = sound_trial.run, sound_trial.known
     off = [
         msgspec.structs.replace(m, alpha=a, centre=(m.centre[0] + 100, m.centre[1]))
         for m, a in zip(run.measurements, true.alpha.tolist(), strict=True)
