@@ -89,7 +89,7 @@ def read(folder: Path, name: str, clip: int) -> Clip:
     sds = np.hypot(np.array(STEPS) / np.sqrt(12), JITTER_S * fast)
     begins, ends = (np.searchsorted(at, time - late, side="right") for late in (KEPT_S, LATE_S))
     found["reported"] = np.array([
-        Controller(stamps[a:b], slew[a:b], radius[a:b], None, sds[0], sds[1], 0.0).jib_motion(t)
+        Controller(stamps[a:b], slew[a:b], radius[a:b], None, sds[0], sds[1]).jib_motion(t)
         for a, b, t in zip(begins.tolist(), ends.tolist(), time.tolist(), strict=True)
     ])  # fmt: skip
     return found

@@ -145,7 +145,7 @@ def _readings(time: Array, jib: Array, mass: Array, rng: np.random.Generator, re
     slew_sd, radius_sd = (steps / np.sqrt(12)).tolist()
     load = np.round(np.interp(at, time, mass) * rng.normal(1, LOAD_SCALE_SD) / LOAD_STEP_KG) * LOAD_STEP_KG
     return Controller(
-        at + reading["lag_s"], values[:, 0], values[:, 1], None, slew_sd, radius_sd, 0.0, CLOCK_SD_S,
+        at + reading["lag_s"], values[:, 0], values[:, 1], None, slew_sd, radius_sd, CLOCK_SD_S,
         load=np.column_stack([at + reading["lag_s"], load]) if reading["load"] else None, grab_kg=GRAB_KG,
     )  # fmt: skip
 

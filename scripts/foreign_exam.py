@@ -80,7 +80,7 @@ def score(root: Path, worlds: Sequence[World], nets: Mapping[str, Detector]) -> 
         labelled = labels.is_labelled(row, Labels().least_visible_fraction)
         for name, (key, net) in itertools.product(names, nets.items()):
             found = net(pictures.read(folder / f"{name}.jpg"))
-            case = detection.Case(row, labelled, world.time, found, world.name)
+            case = detection.Case(row, labelled, found, world.time, world.name)
             for group in (name, f"{name}, {world.time}", f"{name}, {world.family}"):
                 cases.setdefault(key, {}).setdefault(group, []).append(case)
     return {

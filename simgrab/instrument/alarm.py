@@ -104,7 +104,8 @@ def share(alpha: Array, low: Array, high: Array) -> dict[str, float | None]:
     dict
         ``share``: its expectation, the mean of `probability`. ``low`` and ``high``: its interval, the shares of frames
         whose 95 % interval of α lies beyond 10°, and reaches beyond. It holds in 95 % of records if errors of α are
-        alike in all frames, and more often if they are not. None where intervals or angles lack.
+        alike in all frames, and more often if they are not. Of frames without an interval α is taken as exact; None
+        where all intervals or angles lack.
     """
     known = np.isfinite(alpha)
     if not known.any():
@@ -112,7 +113,7 @@ def share(alpha: Array, low: Array, high: Array) -> dict[str, float | None]:
     mean = float(np.mean(probability(alpha, low, high)[known]))
     if not np.isfinite(high[known]).any():
         return {"share": mean, "low": None, "high": None}
-    surely, perhaps = (float(np.mean(end[known] > DANGER)) for end in (low, high))
+    surely, perhaps = (float(np.mean(np.where(np.isnan(end), alpha, end)[known] > DANGER)) for end in (low, high))
     return {"share": mean, "low": min(surely, mean), "high": max(perhaps, mean)}
 
 

@@ -49,8 +49,8 @@ class Controller:
         From the slewing axis to O, m.
     rope : ndarray, shape (n,), or None
         \|OA\|, m.
-    slew_sd, radius_sd, rope_sd : float
-        Standard deviation of one reading, rad, m, m, from resolution and jitter; 0 where there are no readings.
+    slew_sd, radius_sd : float
+        Standard deviation of one reading, rad, m, from resolution and jitter; 0 where there are no readings.
     clock_sd_s : float
         Standard deviation of what is still unknown of the clock's offset, s.
     notes : tuple of str
@@ -70,12 +70,11 @@ class Controller:
     """
 
     time: Array
-    slew: Array | None
-    radius: Array | None
-    rope: Array | None
-    slew_sd: float
-    radius_sd: float
-    rope_sd: float
+    slew: Array | None = None
+    radius: Array | None = None
+    rope: Array | None = None
+    slew_sd: float = 0.0
+    radius_sd: float = 0.0
     clock_sd_s: float = 0.0
     notes: tuple[str, ...] = ()
     hold_s: float = 0.0
@@ -89,11 +88,6 @@ class Controller:
     def reports_motion(self) -> bool:
         """Whether it reports slewing or luffing."""
         return self.slew is not None or self.radius is not None
-
-    @property
-    def later_than_display(self) -> bool:
-        """Whether its clock may be further off than a display is late."""
-        return self.clock_sd_s > math.hypot(DELAY_S, DELAY_SD_S)
 
     @property
     def stated_clock(self) -> ClockOffset:

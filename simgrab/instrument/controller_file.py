@@ -124,14 +124,15 @@ class Slew(Quantity, frozen=True, kw_only=True):
     clockwise: bool = False
 
 
-class Radius(Quantity, frozen=True, kw_only=True):
-    """Distance from the slewing axis to the rope exit O, less ``constant_m``: an outreach begins at a rail or quay.
-
-    Not stated, it is taken as 0 with a note.
-    """
+class Length(Quantity, frozen=True, kw_only=True):
+    """A length less ``constant_m``, which is taken as 0 with a note if it is not stated."""
 
     unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
     constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] | None = None
+
+
+class Radius(Length, frozen=True, kw_only=True):
+    """Distance from the slewing axis to the rope exit O: an outreach begins at a rail or quay."""
 
 
 class Luff(Quantity, frozen=True, kw_only=True):
@@ -142,11 +143,8 @@ class Luff(Quantity, frozen=True, kw_only=True):
     pivot_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
 
 
-class RopeLength(Quantity, frozen=True, kw_only=True):
-    """Length of the hoisting rope: |OA| less ``constant_m``, which is taken as 0 with a note if it is not stated."""
-
-    unit: Literal["m", "dm", "cm", "mm", "ft"] = "m"
-    constant_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] | None = None
+class RopeLength(Length, frozen=True, kw_only=True):
+    """Length of the hoisting rope, |OA|."""
 
 
 class Wind(Quantity, frozen=True, kw_only=True):
@@ -272,15 +270,14 @@ def read_controller(
     grid = max([time for time, _, _ in series.values()] or stamps, key=len)
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
-    found: dict[str, Any] = dict.fromkeys(("slew", "radius", "rope")) | dict.fromkeys(
-        ("slew_sd", "radius_sd", "rope_sd"), 0.0
-    )
-    found |= beside
+    found: dict[str, Any] = {**beside}
     for name, (time, values, sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
         joined[holes + 1 + np.arange(len(holes))] = np.nan
-        found |= {name: joined, f"{name}_sd": sd}
+        found[name] = joined
+        if name != "rope":
+            found[f"{name}_sd"] = sd
     if facts.load is not None:
         found["grab_kg"] = facts.load.grab * UNITS[facts.load.unit]
     if facts.rope is not None:
@@ -364,7 +361,7 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
         notes.append(f"{where}: {empty} of {len(raw)} cells are empty")
     low, high, speed, unit = _LIMITS[name]
     values = raw * scale
-    if isinstance(quantity, Radius | RopeLength):
+    if isinstance(quantity, Length):
         values = values + (quantity.constant_m or 0.0)
         if quantity.constant_m is None:
             means = "|OA| is the length itself" if name == "rope" else "it begins at the slewing axis, not at a rail"

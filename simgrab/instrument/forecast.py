@@ -143,9 +143,8 @@ class Forecaster:
         if not first.all():
             before, after = (np.where(first, LENGTH, r) for r in (last.rope, rope))
             hoist = hoist + (1 - np.exp(-seconds / HOIST_S)) * ((after - before) / seconds - hoist)
-            mean, covariance = _predicted(
-                mean, covariance, forced, np.linspace(before, after, _parts(seconds)), seconds
-            )
+            ropes = np.linspace(before, after, max(int(np.ceil(seconds / NODE_S - 1e-9)), 1) + 1)
+            mean, covariance = _predicted(mean, covariance, forced, ropes, seconds)
         mean[first], hoist[first] = 0, 0
         of_p = SWING * np.sqrt(GRAVITY) * np.where(seen, rope, 0.0) ** 1.5 / LENGTH**2
         one = np.ones_like(of_p)
@@ -213,10 +212,6 @@ def forecast(state: State, tilt_sd: Array) -> Forecast:
     low, middle, high = np.quantile(np.abs(peak + tilt_sd * of_tilt), [0.025, 0.5, 0.975], axis=-1)
     found = exceeding(most, tilt_sd, DANGER).mean(axis=-1), middle, low, high, np.median(place, axis=-1) * ahead[1]
     return Forecast(*(np.where(known, values, np.nan) for values in found))
-
-
-def _parts(seconds: float) -> int:
-    return max(int(np.ceil(seconds / NODE_S - 1e-9)), 1) + 1
 
 
 def _repeated(links: Links, times: int) -> Links:

@@ -11,7 +11,7 @@ loading a net, nor to the time of a single operator, which cannot be interrupted
 from __future__ import annotations
 
 import functools
-import json
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -28,7 +28,7 @@ import onnxruntime
 from simgrab.errors import DetectorError, SimgrabError, first_line, one_line
 from simgrab.instrument import onnx_parts
 from simgrab.instrument.deadline import within
-from simgrab.io.parse import read_bytes
+from simgrab.io.parse import parse_json, read_bytes
 
 THREADS = 2
 KEY = "simgrab"  # of the metadata in our own files
@@ -159,28 +159,17 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
     types = tuple(one.type for one in session.get_inputs())
     net = Net(path, session, inputs, outputs, types, _facts(path, metadata, refuse), metadata, refuse)
     for name, shape in outputs.items():
-        if _numbers(shape) > MOST_NUMBERS:
+        if math.prod(side or 1 for side in shape) > MOST_NUMBERS:  # a free one counts as 1
             raise refuse(f"{path}: its output {one_line(name)} has more than {MOST_NUMBERS} numbers")
     return net
 
 
 def _facts(path: Path, metadata: Mapping[str, str], refuse: Callable[[str], SimgrabError]) -> dict[str, Any]:
-    text = metadata.get(KEY, "{}")
-    try:
-        facts = json.loads(text) if len(text) <= MOST_METADATA else None
-    except (ValueError, RecursionError):
-        facts = None
+    text, what = metadata.get(KEY, "{}"), f"{path}: its metadata {KEY!r} was not written by simgrab"
+    facts = parse_json(text, refuse, what) if len(text) <= MOST_METADATA else None
     if not isinstance(facts, dict):
-        raise refuse(f"{path}: its metadata {KEY!r} was not written by simgrab")
+        raise refuse(what)
     return facts
-
-
-def _numbers(shape: tuple[int | None, ...]) -> int:
-    """Least number of values in an array of a shape; a free dimension counts as 1."""
-    total = 1
-    for side in shape:
-        total *= side or 1
-    return total
 
 
 @functools.cache

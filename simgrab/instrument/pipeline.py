@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +18,7 @@ from simgrab.errors import RunError
 from simgrab.instrument import angles
 from simgrab.instrument.angles import RecordArrays
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.controller import ClockOffset, Controller
+from simgrab.instrument.controller import DELAY_S, DELAY_SD_S, ClockOffset, Controller
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
@@ -125,8 +126,11 @@ class Pipeline:
 
     @property
     def display_first(self) -> bool:
-        """Whether a live run takes the display's rope length where it is read: the controller's clock is not known."""
-        return self.controller is not None and self.controller.later_than_display
+        """Whether a live run takes the display's rope length where it is read.
+
+        That is so where the controller's clock may be further off than a display is late.
+        """
+        return self.controller is not None and self.controller.clock_sd_s > math.hypot(DELAY_S, DELAY_SD_S)
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record."""
@@ -258,7 +262,9 @@ class Pipeline:
 
     def _calibrated(self, time: Array | None) -> Array | None:
         """Select the times of the frames, of (n,), that the tilt is estimated from."""
-        return time if time is None or self.calibrate_s is None else time[time < time[0] + self.calibrate_s]
+        if time is None or self.calibrate_s is None or not len(time):
+            return time
+        return time[time < time[0] + self.calibrate_s]
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""
@@ -276,7 +282,7 @@ class Pipeline:
             observations.append(one(frame, self.detector, self.reader, calibration))
             start = at if math.isnan(start) else start
             controller = self.controller if self.feed is None else self.feed.poll(at)
-            recent = _recent(observations)
+            recent = observations[_before(observations, at - WINDOW_S) :]
             ropes = rope(recent, calibration)
             newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
             if controller is not None:
@@ -288,7 +294,7 @@ class Pipeline:
             lengths.append(float(newest.rope_length[0]))
             if at - start >= due:
                 due = at - start + AGAIN_S
-                old = sum(_time(s) < at - KEPT_S for s in observations)
+                old = _before(observations, at - KEPT_S)
                 del observations[:old], lengths[:old]
                 if estimated:
                     whole = angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
@@ -320,7 +326,7 @@ class Pipeline:
             sd = newest.direction_sd(calibration.focal_length_px)
             if tracker is None and watch.knock(at, swing, sd, newest.rope_length):
                 tilt, estimated, forecaster, start, due = None, True, Forecaster(), watch.since, WARM_UP_S
-                old = sum(_time(s) < start for s in observations)
+                old = _before(observations, start)
                 del observations[:old], lengths[:old]
             seconds = time.perf_counter() - begun
             yield Live(frame, observations[-1], measured, used, seconds, watch.found(at))
@@ -374,17 +380,9 @@ def still(calibration: Calibration, estimator: Estimator | None) -> bool:
     return calibration.mount == "fixed" or (not calibration.mount and not moving(estimator))
 
 
-def _time(observation: Observation) -> float:
-    assert observation.time_s is not None
-    return observation.time_s
-
-
-def _recent(observations: Sequence[Observation]) -> list[Observation]:
-    first = _time(observations[-1]) - WINDOW_S
-    kept = len(observations) - 1
-    while kept and _time(observations[kept - 1]) >= first:
-        kept -= 1
-    return list(observations[kept:])
+def _before(observations: Sequence[Observation], time_s: float) -> int:
+    """Count the observations of a live record before a time."""
+    return bisect_left(observations, time_s, key=lambda observation: observation.time_s or 0.0)
 
 
 def assemble(

@@ -89,8 +89,8 @@ def examine() -> Diagnosis:
         problem = str(error)
     second_renderer, second_problem = "", ""
     try:
-        with open_second_renderer() as choice:
-            second_renderer = choice.note
+        with open_second_renderer() as (_, second_renderer):
+            pass
     except RendererError as error:
         second_problem = str(error)
     versions = {"simgrab": __version__, "python": platform.python_version()}

@@ -32,6 +32,14 @@ def save(path, nodes, inputs, outputs, weights=(), facts=None, metadata=None):
     return path
 
 
+def with_metadata(path, out=None, **metadata):
+    """Write a net with other metadata, by default in its place."""
+    net, out = onnx.load(path), out or path
+    helper.set_model_props(net, metadata)
+    onnx.save(net, out)
+    return out
+
+
 def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), metadata=None):
     """A net that says the same of every picture."""
     out = np.asarray(out, np.float32)

@@ -115,6 +115,9 @@ def test_a_share_counts_frames_with_an_angle_alone():
     found = share(alpha, alpha - np.radians(2), alpha + np.radians(2))
     assert (found["low"], found["high"]) == (1 / 4, 3 / 4)
     assert found["share"] == pytest.approx(np.nanmean(probability(alpha, alpha - np.radians(2), alpha + np.radians(2))))
+    of_some = np.where(alpha < DANGER, np.radians(2), np.nan)  # no interval of those above
+    partly = share(alpha, alpha - of_some, alpha + of_some)
+    assert (partly["low"], partly["high"]) == (2 / 4, 3 / 4)
     nothing = np.full(5, np.nan)
     assert share(alpha, nothing, nothing) == {"share": 0.5, "low": None, "high": None}
     assert share(nothing, nothing, nothing) == dict.fromkeys(("share", "low", "high"))

@@ -51,13 +51,9 @@ def quantity(column, unit, resolution=1e-3, **more):
 def plain(folder, change=lambda columns: columns, **tables):
     """Write the crane in metres, degrees and seconds, after a change of its columns."""
     columns = {"t": TIME, "slew": np.degrees(SLEW), "radius": RADIUS, "rope": ROPE}
-    about = {
-        "time": {"column": "t"},
-        "slew": quantity("slew", "deg"),
-        "radius": quantity("radius", "m", constant_m=0.0),
-    }
-    cells = change({name: [f"{value:.6f}" for value in values] for name, values in columns.items()})
-    return written(folder, cells, about | {"rope": quantity("rope", "m", constant_m=0.0)} | tables)
+    lengths = {name: quantity(name, "m", constant_m=0.0) for name in ("radius", "rope")}
+    about = {"time": {"column": "t"}, "slew": quantity("slew", "deg")} | lengths
+    return written(folder, change({name: texts(values) for name, values in columns.items()}), about | tables)
 
 
 @settings(max_examples=15, deadline=None)
@@ -91,7 +87,7 @@ def test_one_crane_is_read_from_any_units(
     np.testing.assert_allclose(np.diff(found.slew), np.diff(SLEW), atol=1e-6)
     np.testing.assert_allclose(found.radius, RADIUS, atol=1e-6)
     np.testing.assert_allclose(found.rope, ROPE, atol=1e-6)
-    assert found.rope_sd == pytest.approx(0.01 / np.sqrt(12))
+    assert found.slew_sd == pytest.approx(1e-3 * PER[angle] / np.sqrt(12))
     assert found.notes == ()
 
 
@@ -155,7 +151,7 @@ def test_a_wind_of_another_rate_leaves_other_readings_as_they_are(tmp_path):
 def test_the_jibs_motion_is_that_of_the_latest_readings():
     """Uniform acceleration of both angle and radius."""
     slew, radius = 0.2 * TIME + 0.01 * TIME**2, 20 + 0.3 * TIME - 0.002 * TIME**2
-    data, at = Controller(TIME, slew, radius, None, 0.0, 0.0, 0.0), 30.03
+    data, at = Controller(TIME, slew, radius), 30.03
     turn, out, r = 0.2 + 0.02 * at, 0.3 - 0.004 * at, 20 + 0.3 * at - 0.002 * at**2
     expected = [-0.004 - r * turn**2, r * 0.02 + 2 * out * turn, turn]
     np.testing.assert_allclose(data.jib_motion(at), expected, rtol=1e-6)
@@ -176,7 +172,7 @@ def test_the_jibs_motion_is_as_exact_as_it_is_said_to_be_or_not_given(jitter_s, 
         slew = np.radians(np.round(np.degrees(0.1 * TIME + rng.uniform(0, 1)) / 0.1) * 0.1)
         sd = np.hypot(np.radians(0.1) / np.sqrt(12), 0.1 * jitter_s)
         stamps = TIME + rng.normal(0, jitter_s, len(TIME)).clip(-0.045, 0.045)
-        data = Controller(stamps, slew, 0 * TIME + 25, None, sd, 0.003, 0.0)
+        data = Controller(stamps, slew, 0 * TIME + 25, None, sd, 0.003)
         errors.append(data.jib_motion(TIME[-1] + silent_s)[1])
     errors = np.array(errors)
     assert np.isfinite(errors).mean() in (0, 1)
@@ -186,7 +182,7 @@ def test_the_jibs_motion_is_as_exact_as_it_is_said_to_be_or_not_given(jitter_s, 
 
 def test_a_reported_wind_is_a_stated_one():
     crane = swinging.record(frames=450)
-    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, wind=np.array([[0.0, 9.0], [9.0, 9.0]]))
+    data = Controller(crane.time, rope=crane.rope, wind=np.array([[0.0, 9.0], [9.0, 9.0]]))
 
     def pipeline(wind_m_s, controller):
         intervals = dataclasses.replace(rooms.WORKING, wind_m_s=wind_m_s)
@@ -379,7 +375,7 @@ def test_a_start_that_is_not_stated_is_named_with_the_clock(tmp_path):
 
 
 def reading(offset=0.0, clock_sd_s=5.0, rope=ROPE):
-    return Controller(TIME - offset, None, None, rope, 0.0, 0.0, 0.003, clock_sd_s)
+    return Controller(TIME - offset, rope=rope, clock_sd_s=clock_sd_s)
 
 
 def displayed(time, delay):
@@ -445,7 +441,7 @@ def test_the_controllers_rope_replaces_a_display():
     crane = swinging.record(frames=450)
     camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
     blind = [msgspec.structs.replace(s, rope_status="", hoist_m=None, rope_text=None) for s in crane.observations(1.0)]
-    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, notes=("one row refused",))
+    data = Controller(crane.time, rope=crane.rope, notes=("one row refused",))
     pipeline = Pipeline(nobody, None, controller=data)
     found = pipeline.conclude(blind, camera)
     without = Pipeline(nobody, None, RopeAware(intervals=rooms.WORKING)).conclude
@@ -476,7 +472,7 @@ def test_the_rope_is_that_of_the_clock_that_the_swing_shows():
     blind = [msgspec.structs.replace(s, rope_status="", hoist_m=None, rope_text=None) for s in crane.observations(1.0)]
     late = np.arange(crane.time[0], crane.time[-1], 0.05)
     series = [np.interp(late, crane.time, of) for of in (*crane.jib.T, crane.rope)]
-    data = Controller(late + 1.5, *series, 1e-4, 0.003, 0.003, clock_sd_s=1.0)
+    data = Controller(late + 1.5, *series, 1e-4, 0.003, clock_sd_s=1.0)
     found = Pipeline(nobody, None, controller=data).conclude(blind, camera)
     late = found.estimate.diagnostics
     assert late["clock_s"] == pytest.approx(-1.5, abs=0.05)
@@ -494,7 +490,7 @@ def test_an_estimator_with_a_controller_gets_it_on_the_pictures_clock(monkeypatc
         controller: Controller | None = None
 
     crane, seen = swinging.record(frames=450), []
-    data = Controller(crane.time - 3.0, crane.time * 0, None, crane.rope, 0.0, 0.0, 0.003, clock_sd_s=5.0)
+    data = Controller(crane.time - 3.0, crane.time * 0, None, crane.rope, clock_sd_s=5.0)
     monkeypatch.setattr(Informed, "_conclude", lambda self, frames, camera: seen.append(self.controller) or
                         RopeAware._conclude(self, frames, camera))  # fmt: skip
     found = Pipeline(nobody, nobody, Informed(), controller=data).conclude(crane.observations(1.0), crane.calibration)

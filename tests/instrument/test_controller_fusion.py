@@ -25,7 +25,7 @@ def controller(time, jib, rate_hz=20.0, slew_deg=0.044, radius_m=0.01, lag_s=0.0
     """Read a jib (n, 2) at times (n,), as a controller with coarse steps does."""
     at, steps = np.arange(time[0], time[-1], 1 / rate_hz), np.array([np.radians(slew_deg), radius_m])
     slew, radius = (np.round(CubicSpline(time, jib)(at) / steps) * steps).T
-    return Controller(at + lag_s, slew, radius, None, steps[0] / np.sqrt(12), steps[1] / np.sqrt(12), 0.0, 0.3)
+    return Controller(at + lag_s, slew, radius, None, steps[0] / np.sqrt(12), steps[1] / np.sqrt(12), 0.3)
 
 
 def test_below_a_pivot_that_accelerates_the_pendulum_hangs_along_apparent_gravity():

@@ -4,7 +4,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save
+from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save, with_metadata
 
 from simgrab.errors import DetectorError
 from simgrab.instrument import detect
@@ -386,11 +386,9 @@ def test_what_is_no_detector_is_refused(tmp_path):
     logits[0, :, 4] = 3.2
     with pytest.raises(DetectorError, match="outputs scores of"):
         detector(constant_yolo(tmp_path / "l.onnx", logits.transpose(0, 2, 1)))
-    segments = onnx.load(constant_yolo(tmp_path / "s.onnx", rows(CELLS, 6).transpose(0, 2, 1)))
-    helper.set_model_props(segments, {"task": "segment"})
-    onnx.save(segments, tmp_path / "s.onnx")
+    segments = constant_yolo(tmp_path / "s.onnx", rows(CELLS, 6).transpose(0, 2, 1))
     with pytest.raises(DetectorError, match="is not a detector"):
-        detector(tmp_path / "s.onnx")
+        detector(with_metadata(segments, task="segment"))
     with pytest.raises(DetectorError, match="multiples of 32"):
         detector(constant_yolo(tmp_path / "e.onnx", rows(CELLS, 6), shape=(1, 3, 60, 60)))
     ours = hand_made(tmp_path / "g")
@@ -399,9 +397,7 @@ def test_what_is_no_detector_is_refused(tmp_path):
         "[1]": "was not written by simgrab",
         json.dumps({"task": POSE}): "has no settings in its metadata",
     }.items():
-        net = onnx.load(ours / "pose.onnx")
-        helper.set_model_props(net, {KEY: facts})
-        onnx.save(net, ours / "pose.onnx")
+        with_metadata(ours / "pose.onnx", **{KEY: facts})
         with pytest.raises(DetectorError, match=problem):
             detector(ours)
 

@@ -10,7 +10,7 @@ import pytest
 import swinging
 import tomli_w
 from films import film
-from test_pipeline import Scripted, frames_of, made
+from test_pipeline import lives, made
 
 from simgrab.errors import RecordError
 from simgrab.instrument import pipeline as rooms
@@ -40,11 +40,6 @@ def moved(observations, some):
         u, v = observations[i].centre
         observations[i] = msgspec.structs.replace(observations[i], centre=(u + SHIFT_PX, v))
     return observations
-
-
-def lives(observations, camera, **settings):
-    said = Scripted(observations)
-    return list(Pipeline(said, said, **settings).live(frames_of(observations), camera))
 
 
 def test_memory_is_bounded(crane, monkeypatch):

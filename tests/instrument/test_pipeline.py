@@ -163,7 +163,7 @@ def test_a_record_without_a_grab_is_refused_frame_by_frame(crane):
     found = made().conclude(few, crane.calibration)
     assert found.measurements[-1].status == "refused"
     assert "fewer than" in found.measurements[-1].reason
-    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003)
+    data = Controller(crane.time, rope=crane.rope)
     for reported in (None, data):
         assert made(controller=reported).conclude([], crane.calibration).measurements == ()
 
@@ -196,6 +196,16 @@ def frames_of(observations):
     return [Frame(None if s.lost else blank, s.time_s, s.lost) for s in observations]
 
 
+def lives(observations, calibration, **settings):
+    """Measure observations frame by frame."""
+    said = Scripted(observations)
+    return list(Pipeline(**({"detector": said, "reader": said} | settings)).live(frames_of(observations), calibration))
+
+
+def measured_live(observations, calibration):
+    return [one.measurement for one in lives(observations, calibration)]
+
+
 def test_frames_through_detector_and_reader_give_what_their_sightings_give(crane):
     observations = crane.observations(1.0)
     observations[5] = msgspec.structs.replace(observations[5], centre=None, box=None, missed="nothing found")
@@ -208,8 +218,7 @@ def test_frames_through_detector_and_reader_give_what_their_sightings_give(crane
 
 def test_a_live_record_ends_where_the_whole_one_does(crane):
     observations = crane.observations(1.0)
-    said = Scripted(observations)
-    live = list(Pipeline(said, said).live(frames_of(observations), crane.calibration))
+    live = lives(observations, crane.calibration)
     waiting = [one for one in live if one.tilt is None]
     assert len(waiting) == math.ceil(rooms.WARM_UP_S * 9)
     assert all("no tilt yet" in one.measurement.reason for one in waiting)
@@ -223,8 +232,7 @@ def test_a_live_record_ends_where_the_whole_one_does(crane):
 def test_the_direction_of_the_swing_is_that_of_the_grab_from_below_the_rope_exit(roll_deg):
     swings = swinging.record(frames=FRAMES, camera__roll_deg=roll_deg)
     observations = swings.observations()
-    said = Scripted(observations)
-    live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), swings.calibration)]
+    live = measured_live(observations, swings.calibration)
     for measured in (live, made().conclude(observations, swings.calibration).measurements):
         found = np.array([np.nan if m.direction is None else m.direction for m in measured])
         some = (swings.alpha > np.radians(3)) & np.isfinite(found)
@@ -235,8 +243,7 @@ def test_the_direction_of_the_swing_is_that_of_the_grab_from_below_the_rope_exit
 @pytest.mark.parametrize(("mount", "alone"), [("", True), ("fixed", True), ("levelled", False), ("rigid", False)])
 def test_the_direction_is_stated_of_cameras_that_do_not_move_and_with_the_controllers_motion(crane, mount, alone):
     camera, observations = msgspec.structs.replace(crane.calibration, mount=mount), crane.observations()[300:500]
-    said = Scripted(observations)
-    live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), camera)][-1:]
+    live = measured_live(observations, camera)[-1:]
     whole, with_motion, smoothed = (
         made(**settings).conclude(observations, camera).measurements
         for settings in (
@@ -253,8 +260,8 @@ def test_the_direction_is_stated_of_cameras_that_do_not_move_and_with_the_contro
 
 def test_a_live_record_takes_the_controllers_rope(crane):
     few, camera = crane.observations(1.0)[:200], msgspec.structs.replace(crane.calibration, digit_layout=None)
-    data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003)
-    live = list(Pipeline(Scripted(few), None, controller=data).live(frames_of(few), camera))
+    data = Controller(crane.time, rope=crane.rope)
+    live = lives(few, camera, reader=None, controller=data)
     np.testing.assert_allclose([one.measurement.rope_length_m for one in live], crane.rope[:200])
     assert live[-1].tilt.estimator == "rope-aware"
 
@@ -263,11 +270,10 @@ def test_a_live_record_takes_the_controllers_rope(crane):
 def test_a_live_record_on_a_clock_that_is_not_known_takes_the_display_while_it_is_read(crane, clock_sd_s, by_display):
     few = crane.observations(1.0)[:200]
     few[150:] = [msgspec.structs.replace(one, rope_status="unread", hoist_m=None) for one in few[150:]]
-    data = Controller(crane.time - 4.0, None, None, crane.rope + 0.5, 0.0, 0.0, 0.003, clock_sd_s)
+    data = Controller(crane.time - 4.0, rope=crane.rope + 0.5, clock_sd_s=clock_sd_s)
 
     def lengths(controller):
-        said = Scripted(few)
-        live = Pipeline(said, said, controller=controller).live(frames_of(few), crane.calibration)
+        live = lives(few, crane.calibration, controller=controller)
         return np.array([one.measurement.rope_length_m or np.nan for one in live])
 
     own, display, found = data.rope_at(crane.time[:200]), lengths(None), lengths(data)
@@ -288,8 +294,7 @@ def test_a_mirrored_offset_is_named_however_exactly_it_is_stated(mount, given, s
     seen, record = crane.observations(1.0), None
     instrument = made(controller=controller(crane.time, crane.jib) if given == "controller" else None)
     if given == "live":
-        said = Scripted(seen)
-        tilt = list(Pipeline(said, said).live(frames_of(seen), camera))[-1].tilt
+        tilt = lives(seen, camera)[-1].tilt
     else:
         record = instrument.conclude(seen, camera)
         tilt = record.tilt
@@ -299,11 +304,9 @@ def test_a_mirrored_offset_is_named_however_exactly_it_is_stated(mount, given, s
 
 @pytest.mark.parametrize(("late_s", "followed"), [(-2.5, True), (0.0, True), (0.0, False), (2.5, False)])
 def test_a_live_record_reports_a_controllers_clock_that_is_off_the_displays(crane, late_s, followed):
-    said = Scripted(seen := crane.observations(1.0)[:720])
-    data = Controller(crane.time - late_s, None, None, crane.rope + 0.1, 0.0, 0.0, 0.003, 5.0)
-
+    data = Controller(crane.time - late_s, rope=crane.rope + 0.1, clock_sd_s=5.0)
     given = {"feed": Feed(dataclasses.replace(data, hold_s=3.0))} if followed else {"controller": data}
-    live = Pipeline(said, said, **given).live(frames_of(seen), crane.calibration)
+    live = lives(crane.observations(1.0)[:720], crane.calibration, **given)
     found = [fault.text for one in live for fault in one.faults if fault.kind == "controller"]
     assert len(found) == bool(late_s)
     if found:  # a display is taken to be 0.5 s late
@@ -314,11 +317,9 @@ def test_a_live_record_reports_a_controllers_clock_that_is_off_the_displays(cran
 
 @pytest.mark.parametrize(("every_s", "factor", "faults"), [(4.0, 1.0, 0), (4.0, 3.28, 1)])
 def test_a_controller_that_writes_seldom_is_on_time_and_one_in_feet_is_reported_once(crane, every_s, factor, faults):
-    said = Scripted(seen := crane.observations(1.0)[:1800])
-    data = Controller(crane.time - 0.5, None, None, factor * crane.rope, 0.0, 0.0, 0.003, 5.0)
-
+    data = Controller(crane.time - 0.5, rope=factor * crane.rope, clock_sd_s=5.0)
     feed = Feed(dataclasses.replace(data, hold_s=5.0), every_s=every_s)
-    live = list(Pipeline(said, said, feed=feed).live(frames_of(seen), crane.calibration))
+    live = lives(crane.observations(1.0)[:1800], crane.calibration, feed=feed)
     assert len([fault for one in live for fault in one.faults if fault.kind == "controller"]) == faults
     last = np.array([one.measurement.rope_length_m for one in live[-100:]])
     assert np.abs(last - crane.rope[len(live) - 100 : len(live)]).max() < 6  # those of the display, where they differ
@@ -337,8 +338,8 @@ def test_a_live_record_uses_the_wind_that_the_controller_reports(crane):
 
     def last(wind_m_s):
         wind = np.array([[0.0, wind_m_s], [60.0, wind_m_s]])
-        data = Controller(crane.time, None, None, crane.rope, 0.0, 0.0, 0.003, wind=wind)
-        return list(Pipeline(Scripted(few), Scripted(few), controller=data).live(frames_of(few), crane.calibration))[-1]
+        data = Controller(crane.time, rope=crane.rope, wind=wind)
+        return lives(few, crane.calibration, controller=data)[-1]
 
     calm, windy = (last(wind_m_s).tilt.covariance[0][0] for wind_m_s in (3.0, 12.0))
     lean = [IntervalSettings(wind_m_s=wind_m_s).lean_variance for wind_m_s in (3.0, 12.0)]
@@ -359,10 +360,10 @@ def test_a_live_forecast_uses_the_motion_that_a_followed_controller_reports(cran
     few, at = crane.observations(1.0)[:300], np.arange(0, 60, 0.1)
     counts = np.array([np.radians(0.1), 0.01])
     slew, radius = (CubicSpline(crane.time, crane.jib)(at) / counts).round().T * counts[:, None]
-    data = Controller(at, slew, radius, None, *(counts / np.sqrt(12)).tolist(), 0.0)
+    data = Controller(at, slew, radius, None, *(counts / np.sqrt(12)).tolist())
 
     feed = Feed(data, states_rope=False, states_motion=states_motion, latest_s=60.0)
-    list(Pipeline(Scripted(few), Scripted(few), feed=feed).live(frames_of(few), crane.calibration))
+    lives(few, crane.calibration, feed=feed)
     found = np.array(reports)
     assert found.shape == (300, 3)
     assert np.isnan(found[:10]).all()
@@ -373,8 +374,7 @@ def test_a_live_forecast_uses_the_motion_that_a_followed_controller_reports(cran
     felt = np.array([true.at(i).apparent_gravity[:2] for i in range(20, 300)])
     assert np.sqrt(np.mean((found[20:, :2] + felt) ** 2)) < 0.25 * np.abs(felt).max()
     np.testing.assert_allclose(found[20:, 2], np.gradient(crane.jib[:, 0], crane.time)[20:300], atol=0.02)
-    recorded = Pipeline(Scripted(few), Scripted(few), controller=dataclasses.replace(data, rope=None))
-    list(recorded.live(frames_of(few), crane.calibration))
+    lives(few, crane.calibration, controller=dataclasses.replace(data, rope=None))
     assert np.isnan(np.array(reports[300:])).all()
 
 
@@ -382,13 +382,12 @@ def test_a_live_record_carries_what_is_lost(crane):
     observations = crane.observations(1.0)[:400]
     observations[300] = msgspec.structs.replace(observations[300], lost="lost", centre=None, box=None, hoist_m=None)
     observations[310] = msgspec.structs.replace(observations[310], hoist_m=observations[310].hoist_m + 5)
-    said = Scripted(observations)
-    live = [one.measurement for one in Pipeline(said, said).live(frames_of(observations), crane.calibration)]
+    live = measured_live(observations, crane.calibration)
     assert live[300].status == "lost"
     assert live[310].rope_status == "jump"
     assert live[310].rope_length_m == pytest.approx(crane.rope[310], abs=0.2)
     with pytest.raises(RunError, match="follow each other"):
-        list(Pipeline(said, said).live([Frame(None, None, "-")], crane.calibration))
+        list(made().live([Frame(None, None, "-")], crane.calibration))
     with pytest.raises(RunError, match="whole record"):
         list(made(estimator=PendulumSmoother()).live([], crane.calibration))
 

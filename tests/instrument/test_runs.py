@@ -20,14 +20,16 @@ class Fixed:
     def __call__(self, frames, calibration):  # noqa: ARG002
         return [
             Measurement(status="ok", alpha=0.2, danger=0.9, centre=(30.0 + i, 20.0), rope_text="1500 1600")
-            for i, _ in enumerate(frames)
+            if frame.picture is not None
+            else Measurement(status="lost", reason=frame.reason)
+            for i, frame in enumerate(frames)
         ]
 
 
 @pytest.fixture
 def made():
-    frames = [Frame(np.zeros((48, 64, 3), np.uint8), i / 9) for i in range(12)]
-    return measure(frames, CAMERA, Fixed(), source="video")
+    frames = [Frame(np.zeros((48, 64, 3), np.uint8), i / 9) for i in range(11)]
+    return measure([*frames, Frame(None, 11 / 9, "gone")], CAMERA, Fixed(), source="video")
 
 
 @pytest.fixture
@@ -57,28 +59,18 @@ def test_a_saved_run_is_read_back(made, folder):
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "named"),
+    ("file", "place", "value", "named"),
     [
-        (("counts", "ok"), "many", "counts"),
-        (("counts",), 3, "counts"),
-        (("tilt",), {"beta_deg": 3}, "tilt"),
-        (("estimate",), [], "estimate"),
-        (("timed",), "yes", "timed"),
-        (("instrument",), {}, "instrument"),
+        (runs.ABOUT, ("counts", "ok"), "many", "counts"), (runs.ABOUT, ("counts",), 3, "counts"),
+        (runs.ABOUT, ("tilt",), {"beta_deg": 3}, "tilt"), (runs.ABOUT, ("estimate",), [], "estimate"),
+        (runs.ABOUT, ("timed",), "yes", "timed"), (runs.ABOUT, ("instrument",), {}, "instrument"),
+        (runs.ALARMS, (0, "end_s"), [1.0], ""), (runs.ALARMS, (0, "peak_frame"), 1.5, ""),
+        (runs.ALARMS, (0, "danger"), None, ""), (runs.ALARMS, (0, "alpha_deg"), "x", ""),
     ],
-)
-def test_facts_of_another_kind_are_refused(folder, place, value, named):
-    change(folder / runs.ABOUT, place, value)
+)  # fmt: skip
+def test_facts_and_alarms_of_another_kind_are_refused(folder, file, place, value, named):
+    change(folder / file, place, value)
     with pytest.raises(RunError, match=rf"not a run of simgrab .*{named}"):
-        runs.load(folder)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("end_s", [1.0]), ("peak_frame", 1.5), ("danger", None), ("alpha_deg", "x")]
-)
-def test_alarms_of_another_kind_are_refused(folder, key, value):
-    change(folder / runs.ALARMS, (0, key), value)
-    with pytest.raises(RunError, match="not a run of simgrab"):
         runs.load(folder)
 
 

@@ -159,11 +159,8 @@ def test_frames_that_are_coded_in_another_order_have_their_times(tmp_path, name)
 
 def test_frames_without_time_stamps_have_the_rate_that_is_given_stated_or_assumed(tmp_path):
     raw = coded(tmp_path / "a.h264", "libx264", "yuv420p")  # states its rate beside each key frame
-    absurd = film(
-        tmp_path / "b.h264", even(6), coding={"tune": "psnr"}
-    )  # states the resolution of the time stamps that it had
-    jpegs = (cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(6))
-    (tmp_path / "a.mjpeg").write_bytes(b"".join(jpegs))
+    absurd = film(tmp_path / "b.h264", even(6), coding={"tune": "psnr"})  # states its former time stamps' resolution
+    jpegs(tmp_path / "a.mjpeg", count=6)
     assert times_of(open_source(raw)) == pytest.approx(even(20, 25))
     assert times_of(open_source(raw, rate_hz=12)) == pytest.approx(even(20, 12))
     pictures = b"".join(b"FRAME\n" + bytes([i] * 64 * 36) for i in range(6))
@@ -314,13 +311,6 @@ def test_other_formats_are_read(tmp_path, name):
     assert all(frame.picture is not None for frame in frames)
     if "jp" not in name:
         assert np.diff(times_of(frames)) == pytest.approx(np.full(19, 0.04), abs=1e-3)
-
-
-def test_a_truncated_mp4_whose_index_came_last_is_refused(tmp_path):
-    path = film(tmp_path / "a.mp4", even(60))
-    path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(SourceError, match=r"a\.mp4: not a video that can be opened"):
-        open_source(path)
 
 
 def test_damaged_packets_do_not_end_a_video(tmp_path):
@@ -500,10 +490,9 @@ def test_pictures_that_are_cut_off_or_too_large_are_lost_with_the_reason(tmp_pat
 
 
 def test_a_video_whose_pictures_are_or_become_too_large(tmp_path, monkeypatch):
-    jpegs = [cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(8)]
-    at = jpegs[4].index(b"\xff\xc0")
-    jpegs[4] = jpegs[4][: at + 5] + b"\xc3\x50" * 2 + jpegs[4][at + 9 :]
-    (tmp_path / "a.mjpeg").write_bytes(b"".join(jpegs))
+    before, after = jpegs(tmp_path / "a.mjpeg", count=4).read_bytes(), jpegs(tmp_path / "b.mjpeg").read_bytes()
+    at = after.index(b"\xff\xc0")
+    (tmp_path / "a.mjpeg").write_bytes(before + after[: at + 5] + b"\xc3\x50" * 2 + after[at + 9 :])
     frames = list(open_source(tmp_path / "a.mjpeg"))
     assert [i for i, frame in enumerate(frames) if frame.picture is None] == [4]
     monkeypatch.setattr("simgrab.io.pictures.MOST_PIXELS", 1000)

@@ -5,6 +5,7 @@ import json
 import shutil
 
 import cv2
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -13,7 +14,7 @@ from conftest import altered, slow_but, small_scene
 from seconds import SECOND_RENDERERS
 
 import simgrab
-from simgrab.dataset import manifest
+from simgrab.dataset import datasets, manifest
 from simgrab.dataset.export import export
 from simgrab.dataset.render import render
 from simgrab.errors import DatasetError
@@ -22,8 +23,12 @@ from simgrab.judge.audit.audit import audit
 from simgrab.judge.audit.proof import Proof
 from simgrab.judge.audit.second_renderer import choice, install_hint
 from simgrab.model import geometry
+from simgrab.model.scenario import DoublePendulum, FourRopes, OneBody
 from simgrab.model.truth import columns
+from simgrab.world.camera.renderer import Renderer
 from simgrab.world.frames import FrameGenerator
+from simgrab.world.trajectory.hanging import hung
+from simgrab.world.trajectory.moment import GrabState
 
 
 @pytest.fixture(params=SECOND_RENDERERS)
@@ -47,20 +52,17 @@ def alter(path, column, frame):
     """Change one cell a little and write the table back with its metadata."""
     table = pq.read_table(path / "labels.parquet")
     rows = table.to_pylist()
-    value = rows[frame][column]
-    kind = table.schema.field(column).type
-    if value is None:
-        value = "2000" if pa.types.is_string(kind) else 1
-    elif isinstance(value, str):
-        value = "test" if value in ("train", "val") else value[::-1] or "2000"
-    elif isinstance(value, list):
-        value = [value[0] + 1e-3, *value[1:]]
-    elif isinstance(value, bool):
-        value = not value
-    elif isinstance(value, int):
-        value = value + 1
-    else:
-        value = value + 1e-3
+    match rows[frame][column]:
+        case None:
+            value = "2000" if pa.types.is_string(table.schema.field(column).type) else 1
+        case str(text):
+            value = "test" if text in ("train", "val") else text[::-1] or "2000"
+        case [first, *others]:
+            value = [first + 1e-3, *others]
+        case bool(flag):
+            value = not flag
+        case number:
+            value = number + (1 if isinstance(number, int) else 1e-3)
     rows[frame][column] = value
     pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), path / "labels.parquet")
 
@@ -159,45 +161,42 @@ def test_every_altered_manifest_field_is_named(copy):
 @pytest.mark.usefixtures("drawn_once")
 @pytest.mark.parametrize(
     "kind",
-    [
-        "data.yaml",
-        "labels/train/000000.txt",
-        "annotations/instances_train.json",
-        "images/train/metadata.csv",
-        "preview.jpg",
-        "camera.toml",
-    ],
-)
+    ["data.yaml", "labels/**/*.txt", "annotations/instances_train.json", "images/train/metadata.csv", "preview.jpg",
+     "camera.toml"],
+)  # fmt: skip
 def test_altered_exports_are_named(copy, kind):
-    target = copy / kind
-    if not target.exists():
-        target = next((copy / "labels").rglob("*.txt"))
+    target = next(copy.glob(kind))
     target.write_bytes(target.read_bytes() + b"\n0 0.5 0.5 0.1 0.1")
     findings = [str(f) for f in audit(copy).findings]
     assert any(target.name in f for f in findings), findings
 
 
+METADATA = "images/train/metadata.csv"
+
+
+def list_again(path, change):
+    """Change the files that a manifest lists, and its digest with them."""
+    known = json.loads((path / "manifest.json").read_text())
+    known["files"] = change(known["files"])
+    known["manifest_digest"] = manifest.digest(known)
+    (path / "manifest.json").write_text(json.dumps(known))
+
+
 @pytest.mark.usefixtures("drawn_once")
 def test_altered_metadata_is_named_by_frame_whatever_the_manifest_holds(copy):
     """By its digest alone a file that was altered together with the manifest would pass."""
-    target = copy / "images/train/metadata.csv"
+    target = copy / METADATA
     lines = target.read_text().splitlines(keepends=True)
     lines[2] = lines[2].replace("True", "False", 1)
     target.write_text("".join(lines))
-    known = json.loads((copy / "manifest.json").read_text())
-    known["files"]["images/train/metadata.csv"] = hashlib.sha256(target.read_bytes()).hexdigest()
-    known["manifest_digest"] = manifest.digest(known)
-    (copy / "manifest.json").write_text(json.dumps(known))
+    list_again(copy, lambda files: {**files, METADATA: hashlib.sha256(target.read_bytes()).hexdigest()})
     frame = int(lines[2].split(".")[0])
-    assert [f.where for f in audit(copy).findings] == [f"frame {frame}, images/train/metadata.csv"]
+    assert [f.where for f in audit(copy).findings] == [f"frame {frame}, {METADATA}"]
 
 
 @pytest.mark.usefixtures("drawn_once")
 def test_metadata_that_the_manifest_does_not_list_is_refused(copy):
-    known = json.loads((copy / "manifest.json").read_text())
-    del known["files"]["images/train/metadata.csv"]
-    known["manifest_digest"] = manifest.digest(known)
-    (copy / "manifest.json").write_text(json.dumps(known))
+    list_again(copy, lambda files: {name: digest for name, digest in files.items() if name != METADATA})
     assert [f.where for f in audit(copy).findings] == ["manifest.json, files"]
 
 
@@ -262,8 +261,6 @@ def test_a_half_pixel_shift_of_the_labels_is_caught(monkeypatch, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("second_renderer")
 def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
-    from simgrab.world.camera.renderer import Renderer
-
     right = Renderer.aim
 
     def shifted(self, window, scene, finer=1):
@@ -277,19 +274,19 @@ def test_a_half_pixel_shift_of_the_picture_is_caught(monkeypatch, tmp_path):
 
 
 def test_identities_refuse_small_errors(dataset):
-    import msgspec
-
-    from simgrab.model.truth import Row
-
-    rows = [msgspec.convert(r, Row) for r in pq.read_table(dataset / "labels.parquet").to_pylist()]
+    rows = datasets.read(dataset).rows
     assert identities.paper_identities(rows).status == "passed"
+
+    def poses(rows):
+        return identities.poses(rows, lambda _: (OneBody(), 0.0))
+
     for column, error, proof in (
         ("theta_deg", 1e-3, identities.paper_identities),
         ("m_px", 1e-4, identities.paper_identities),
         ("grab_u_px", 1e-5, identities.projections),
         ("ideal_v_px", 1e-5, identities.projections),
-        ("yaw_deg", 1e-6, identities.poses),
-        ("roll_deg", 1e-6, identities.poses),
+        ("yaw_deg", 1e-6, poses),
+        ("roll_deg", 1e-6, poses),
     ):
         bent = [msgspec.structs.replace(r, **{column: getattr(r, column) + error}) for r in rows]
         assert proof(bent).status == "failed", column
@@ -297,16 +294,8 @@ def test_identities_refuse_small_errors(dataset):
 
 def test_poses_follow_the_suspension(dataset):
     """Rows whose heads lean by 0.2 of their ropes pass as such, fail as others, and pass where the head is free."""
-    import msgspec
-
-    from simgrab.model.scenario import DoublePendulum, FourRopes, OneBody
-    from simgrab.model.truth import Row
-    from simgrab.world.trajectory.hanging import hung
-    from simgrab.world.trajectory.moment import GrabState
-
     rows = []
-    for plain in pq.read_table(dataset / "labels.parquet").to_pylist():
-        row = msgspec.convert(plain, Row)
+    for row in datasets.read(dataset).rows:
         alpha, azimuth, yaw = np.radians((row.alpha_deg, row.gamma_deg + row.tilt_azimuth_deg, row.yaw_deg))
         state = hung(GrabState(alpha, azimuth, row.rope_length_m, yaw, 0.0, 0.0), FourRopes(tilt_ratio=0.2), 1.64)
         pose = tuple(np.asarray(state.jib_from_grab)[:3].ravel().tolist())

@@ -58,7 +58,7 @@ def test_a_resample_has_the_precision_of_its_frames(monkeypatch):
     rng, picks = np.random.default_rng(3), np.array([[0, 2, 2], [1, 1, 1], [2, 2, 2]])  # the last shows no grab
     rows = [frame(i, "abc"[i // 12], empty=i // 12 == 2 or i % 5 == 0) for i in range(36)]
     seen_boxes = [NONE if i % 7 == 0 else found(BOX + rng.normal(0, 3, 4), rng.random()) for i in range(36)]
-    some = [boxed.BoxedCase(row, row.box_x0_px is not None, one) for row, one in zip(rows, seen_boxes, strict=True)]
+    some = [boxed.Boxes(row, row.box_x0_px is not None, one) for row, one in zip(rows, seen_boxes, strict=True)]
     videos = [some[:12], some[12:24], some[24:]]
     wanted = [average_precision([case for i in pick for case in videos[i]])["map50_95"] for pick in picks]
     monkeypatch.setattr(boxed, "stream", lambda *_: SimpleNamespace(integers=lambda *_, **__: picks))

@@ -121,25 +121,25 @@ def test_false_boxes_on_empty_frames_count_and_slivers_do_not(known):
 
 def test_runs_of_misses_end_with_a_clip_a_world_and_a_dataset(known):
     def longest(*rows):
-        return detection.figures([detection.Case(row, True, "", NONE) for row in rows])["longest_miss"]
+        return detection.figures([detection.Case(row, True, NONE) for row in rows])["longest_miss"]
 
     first, second, third = known.rows[:3]
     assert longest(first, third) == 2
     assert longest(first, second, first) == 2
     assert longest(first, second, msgspec.structs.replace(third, clip=1)) == 2
     assert longest(first, second, msgspec.structs.replace(third, variant=1)) == 2
-    some = [detection.Case(row, True, "", NONE, name) for row, name in ((first, ""), (second, ""), (third, "other"))]
+    some = [detection.Case(row, True, NONE, "", name) for row, name in ((first, ""), (second, ""), (third, "other"))]
     assert detection.figures(some)["longest_miss"] == 2
 
 
 def test_worlds_with_an_error_are_counted_and_those_of_datasets_kept_apart(known):
     first, second, third = known.rows[:3]
     rows = [(first, ""), (second, ""), (third, ""), (first, "other"), (msgspec.structs.replace(third, variant=1), "")]
-    f = detection.figures([detection.Case(row, True, "", NONE, name) for row, name in rows] +
-                          [detection.Case(third, True, "", perfect(third), "third")])  # fmt: skip
+    f = detection.figures([detection.Case(row, True, NONE, "", name) for row, name in rows] +
+                          [detection.Case(third, True, perfect(third), "", "third")])  # fmt: skip
     assert (f["labelled_worlds"], f["missed_worlds"], f["recall"]) == (4, 3, pytest.approx(1 / 6))
     assert (f["empty_worlds"], f["false_worlds"]) == (0, 0)
-    empty = [detection.Case(gone(row), False, "", perfect(row) if name else NONE, name) for row, name in rows]
+    empty = [detection.Case(gone(row), False, perfect(row) if name else NONE, "", name) for row, name in rows]
     f = detection.figures(empty)
     assert (f["empty_worlds"], f["false_worlds"], f["false_boxes"]) == (3, 1, 1)
 

@@ -1,12 +1,14 @@
 """`simgrab evaluate`: errors that were planted are found, each where it was planted."""
 
 import dataclasses
+import itertools
 import json
 import math
 
 import av
 import msgspec
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from browser import needs_chromium, shown
 from click.testing import CliRunner
@@ -16,7 +18,9 @@ from oracle import Oracle
 
 from simgrab.cli import cli
 from simgrab.dataset import datasets
+from simgrab.dataset.render import render
 from simgrab.errors import DatasetError, RunError
+from simgrab.instrument.alarm import events
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.pipeline import Pipeline
@@ -38,8 +42,6 @@ SIZE = {"camera__width_px": 640, "camera__height_px": 360,
 @pytest.fixture(scope="module")
 def swinging(tmp_path_factory):
     """A dataset and a video of the same twelve seconds: working cycles, a fixed camera, the display."""
-    from simgrab.dataset.render import render
-
     folder = tmp_path_factory.mktemp("swinging")
     scene = small_scene(
         "work-cycles", frames=60, clip__frame_rate_hz=5.0, display__layout="two-by-four",
@@ -53,11 +55,14 @@ def measured(folder, out, *, of="data", **errors):
     rows = datasets.read(folder / "data").rows
     camera = folder / "data" / "camera.toml"
     if of == "swing.mp4":
-        import pyarrow.parquet as pq
-
         table = pq.read_table(folder / "swing.parquet").to_pylist()
         rows = tuple(rows[row["frame"]] for row in table)
     return run(folder / of, camera, out, Pipeline(Oracle(list(rows), **errors), Reader()), RunOptions(video=False))
+
+
+def altered(run, change):
+    """Change each measurement of a run."""
+    return dataclasses.replace(run, measurements=tuple(map(change, run.measurements)))
 
 
 @pytest.fixture(scope="module")
@@ -97,11 +102,10 @@ def test_planted_errors_are_found_where_they_are(clean, swinging, tmp_path):
 
 
 def test_misread_digits_are_counted(clean, swinging):
-    swapped = [
-        msgspec.structs.replace(m, rope_text=(m.rope_text or "").translate(str.maketrans("38", "83")))
-        for m in clean.measurements
-    ]
-    found = evaluate(dataclasses.replace(clean, measurements=tuple(swapped)), swinging / "data")
+    def swapped(m):
+        return msgspec.structs.replace(m, rope_text=(m.rope_text or "").translate(str.maketrans("38", "83")))
+
+    found = evaluate(altered(clean, swapped), swinging / "data")
     of, right = found["reading"]["digits_right"]["of"], found["reading"]["digits_right"]["count"]
     rows = datasets.read(swinging / "data").rows
     shown = "".join(r.rope_text for r, m in zip(rows, clean.measurements, strict=True) if "?" not in m.rope_text)
@@ -209,8 +213,6 @@ def said(degrees, danger):
 
 
 def compare(estimated, true, *, danger=True):
-    from simgrab.instrument.alarm import events
-
     times = np.arange(len(true)) / 9
     measurements = said(estimated, danger)
     return swings.alarms(times, measurements, events(times, measurements), np.radians(true))
@@ -254,8 +256,8 @@ def test_early_warnings_are_judged_by_lead_and_by_what_follows():
         return [Measurement(status="ok", alpha=np.radians(2), warning=p, peak=0.2) for p in chance.tolist()]
 
     found = warnings.score(times, given(chance), np.radians(true))
-    counts = {name: found[name] for name in ("events", "missed", "late", "reported", "false")}
-    assert counts == {"events": 2, "missed": 0, "late": 1, "reported": 3, "false": 1}
+    counts = {"events": 2, "missed": 0, "late": 1, "reported": 3, "false": 1}
+    assert {name: found[name] for name in counts} == counts
     assert found["leads"] == pytest.approx([4, -1])
     assert found["false_per_h"] == pytest.approx(3600 / times[-1])
     silent = warnings.score(times, given(0.1 * chance), np.radians(true))
@@ -277,8 +279,8 @@ def test_forecasts_are_judged_by_what_happens():
 
 
 def test_coverage_is_the_share_within():
-    within = [Measurement(status="ok", alpha=0.1, alpha_low=0.09, alpha_high=0.11)] * 3
-    found = swings.coverage([*within, Measurement(status="lost", reason="-")], np.array([0.1, 0.12, 0.11, 0.1]))
+    ends = np.array([[0.09, 0.11]] * 3 + [[np.nan, np.nan]])
+    found = swings.coverage(ends, np.array([0.1, 0.12, 0.11, 0.1]))
     assert found["share"] == pytest.approx(2 / 3)
     assert found["frames"] == 3
     assert found["width_deg"] == pytest.approx(math.degrees(0.02))
@@ -304,12 +306,11 @@ def test_the_page_opens_in_a_browser(clean, swinging, tmp_path):
 
 
 def test_an_instrument_that_outputs_angles_alone_is_judged_by_them(clean, swinging):
-    bare = tuple(
-        Measurement(status="ok", alpha=m.alpha) if m.alpha is not None else Measurement(status="missed", reason="-")
-        for m in clean.measurements
-    )
+    def bare(m):
+        return Measurement(status=m.status, reason=m.reason, alpha=m.alpha)
+
     known = truths.of(clean, swinging / "data")
-    alone = dataclasses.replace(clean, measurements=bare, about=clean.about | {"estimate": None, "tilt": None})
+    alone = dataclasses.replace(altered(clean, bare), about=clean.about | {"estimate": None, "tilt": None})
     found = evaluate(alone, known)
     assert (found["detection"], found["reading"], found["budget"]) == (None, None, None)
     assert found["angle"] == evaluate(clean, known)["angle"]
@@ -327,11 +328,10 @@ def test_each_figure_needs_its_own_field_alone(clean, swinging):
     whole = evaluate(clean, known)
 
     def only(*fields):
-        kept = tuple(
-            Measurement(status=m.status, reason=m.reason, alpha=m.alpha, **{f: getattr(m, f) for f in fields})
-            for m in clean.measurements
-        )
-        return evaluate(dataclasses.replace(clean, measurements=kept), known)
+        def kept(m):
+            return Measurement(status=m.status, reason=m.reason, alpha=m.alpha, **{f: getattr(m, f) for f in fields})
+
+        return evaluate(altered(clean, kept), known)
 
     centres = only("centre")["detection"]
     assert centres["centre"] == whole["detection"]["centre"]
@@ -347,13 +347,12 @@ def test_each_figure_needs_its_own_field_alone(clean, swinging):
 
 def test_texts_with_points_are_compared_by_their_digits_and_silence_is_refusal(clean, swinging):
     def with_texts(change):
-        told = [msgspec.structs.replace(m, rope_text=change(i, m.rope_text)) for i, m in enumerate(clean.measurements)]
-        return evaluate(dataclasses.replace(clean, measurements=tuple(told)), swinging / "data")["reading"]
+        texts = altered(clean, lambda m: msgspec.structs.replace(m, rope_text=change(m.rope_text)))
+        return evaluate(texts, swinging / "data")["reading"]
 
-    before = with_texts(lambda _, text: text)
-    pointed = with_texts(lambda _, text: f"{text[:2]}.{text[2:7]}.{text[7:]}")
-    assert pointed == before
-    silent = with_texts(lambda i, text: None if i % 2 else text)
+    assert with_texts(lambda text: f"{text[:2]}.{text[2:7]}.{text[7:]}") == with_texts(lambda text: text)
+    turn = itertools.count()
+    silent = with_texts(lambda text: None if next(turn) % 2 else text)
     assert silent["frames_refused"]["count"] >= 30 - 3
 
 
@@ -383,16 +382,16 @@ def test_a_run_with_the_controllers_data_has_no_budget_from_pixels_alone(clean, 
 
 
 def test_a_run_without_a_display_is_not_said_to_have_read_one(clean, swinging):
-    blind = tuple(msgspec.structs.replace(m, rope_text=None, rope_status="") for m in clean.measurements)
+    blind = altered(clean, lambda m: msgspec.structs.replace(m, rope_text=None, rope_status=""))
     read, length = (
         next(t for t in tables(evaluate(one, swinging / "data").to_dict()) if t.title == "Reading")
-        for one in (clean, dataclasses.replace(clean, measurements=blind))
+        for one in (clean, blind)
     )
     assert read.note == "The display lags behind the rope."
     assert length.note == ""
     assert length.rows == (read.rows[-1],)
-    unknown = tuple(msgspec.structs.replace(m, rope_length_m=None) for m in blind)
-    found = evaluate(dataclasses.replace(clean, measurements=unknown), swinging / "data")["budget"]
+    unknown = altered(blind, lambda m: msgspec.structs.replace(m, rope_length_m=None))
+    found = evaluate(unknown, swinging / "data")["budget"]
     assert not [row["stage"] for row in (*found["chain"], *found["aside"]) if "length" in row["stage"]]
 
 
@@ -417,8 +416,6 @@ def test_a_tilt_that_was_given_is_given_to_the_chain_too(clean, swinging):
 
 
 def test_independent_frames_are_judged_without_alarms(tmp_path, tmp_path_factory):
-    from simgrab.dataset.render import render
-
     data = tmp_path_factory.mktemp("iid") / "data"
     render(small_scene(frames=12, display__layout="two-by-four", **SIZE), data)
     rows = list(datasets.read(data).rows)

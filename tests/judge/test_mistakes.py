@@ -47,14 +47,27 @@ def rows_of(scenario, frames=FRAMES):
     return rows, np.array([row.alpha for row in rows])
 
 
+def places(rows, of):
+    """Places (n, 3) of the grab or the camera."""
+    return np.reshape([getattr(row, f"jib_from_{of}") for row in rows], (-1, 3, 4))[..., 3].copy()
+
+
+def ropes(rows):
+    return np.linalg.norm(places(rows, "grab"), axis=1, keepdims=True)
+
+
+def named(measured, true, rows, noise_deg=0.0, **known):
+    """Name the mistake of angles with noise."""
+    noise = np.random.default_rng(0).normal(0, np.deg2rad(noise_deg), len(true))
+    return likely(measured + noise, true, rows, None, **known).text
+
+
 def leaning(rows, by=0.0, lean=(0.0, 0.0), shift=0.0):
     """Swings of a pipeline that errs.
 
     Its directions are moved by vectors (n, 2), its tilt is wrong by (2,), rad, its offset by (n, 2), in rope lengths.
     """
-    grab, camera = (np.reshape([getattr(row, f"jib_from_{of}") for row in rows], (-1, 3, 4))[..., 3]
-                    for of in ("grab", "camera"))  # fmt: skip
-    length = np.linalg.norm(grab, axis=1, keepdims=True)
+    grab, camera, length = places(rows, "grab"), places(rows, "camera"), ropes(rows)
     level = (grab / length)[:, :2] + by
     found = length * np.column_stack([level, -np.sqrt(1 - np.sum(level**2, axis=1))])
     turn = Rotation.from_rotvec([lean[1], -lean[0], 0.0])  # of the rays, about the camera, for ropes of the same length
@@ -96,10 +109,7 @@ def test_a_tilt_that_is_left_out_or_wrong_is_named():
         (-2 * axis, f"is {2 * deg:.2f}° wrong, as if the tilt of {deg:.1f}° had the opposite sign"),
         (0.5 * axis, f"is {deg / 2:.2f}° wrong, {1.5 * deg:.1f}° with an azimuth of 0° in place of {deg:.1f}° with 0°"),
     ):
-        assert (
-            likely(leaning(rows, lean=lean), true, rows, None).text
-            == f"The angles are as with a camera tilt that {text}"
-        )
+        assert named(leaning(rows, lean=lean), true, rows) == f"The angles are as with a camera tilt that {text}"
 
 
 def test_a_tilt_that_is_far_off_is_named_beside_a_focal_length():
@@ -107,10 +117,9 @@ def test_a_tilt_that_is_far_off_is_named_beside_a_focal_length():
     changes = {"swing.start": {"alpha_deg": 12.0}, "camera.beta_deg": 6.0, "camera.tilt_azimuth_deg": 0.0}
     rows, true = rows_of(scenes.load("free-swing", changes))
     axis = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 2]
-    grab, camera = (np.reshape([getattr(row, f"jib_from_{of}") for row in rows], (-1, 3, 4))[..., 3]
-                    for of in ("grab", "camera"))  # fmt: skip
-    ray = (grab - camera) / np.linalg.norm(grab - camera, axis=1, keepdims=True)
-    text = likely(leaning(rows, -0.03 * (ray[:, :2] - axis), -2 * tilt_of(rows)), true, rows, None).text
+    ray = places(rows, "grab") - places(rows, "camera")
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    text = named(leaning(rows, -0.03 * (ray[:, :2] - axis), -2 * tilt_of(rows)), true, rows)
     beside = r"of 1\d+ px \(.*\), and with a camera tilt that is 1[12]\.\d\d° wrong, as if .* had the opposite"
     assert re.search(beside, text)
 
@@ -119,13 +128,11 @@ def test_a_tilt_that_is_far_off_is_named_beside_a_focal_length():
 @pytest.mark.parametrize("follows", [False, True])
 def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
     rows, true = truth("offset", "beside")
-    offset = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 3]
-    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
-    by = (factor - 1) * offset / length
+    offset = places(rows, "camera")[:, :2]
+    by = (factor - 1) * offset / ropes(rows)
     lean = -by.mean(axis=0) if follows else np.zeros(2)  # of the tilt that is estimated from the same record
-    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.05), len(true))
     across = np.linalg.norm(offset[0])
-    assert likely(leaning(rows, lean=lean, shift=by) + noise, true, rows, None).text == (
+    assert named(leaning(rows, lean=lean, shift=by), true, rows, 0.05) == (
         f"The angles are as if the camera's horizontal offset of {across:.2f} m were {what}"
     )
 
@@ -136,8 +143,7 @@ def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
 def test_on_a_rope_of_constant_length_an_offset_and_a_tilt_along_it_look_alike(azimuth, also):
     changes = {"camera.tilt_azimuth_deg": azimuth, "camera.beta_deg": np.degrees(0.6 / 18), "frames": 192}
     rows, true = rows_of(scenes.load("free-swing", changes))
-    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.03), len(true))
-    text = likely(leaning(rows, lean=-tilt_of(rows)) + noise, true, rows, None).text
+    text = named(leaning(rows, lean=-tilt_of(rows)), true, rows, 0.03)
     assert "with a camera tilt that is 1.9" in text
     assert "as if the tilt of 1.9° were left out" in text
     assert (also and f"The angles are as {also}, or with a camera tilt" in text) or not also
@@ -161,20 +167,16 @@ def test_on_a_rope_of_constant_length_an_offset_and_a_tilt_along_it_look_alike(a
 def test_an_offset_that_is_wrong_otherwise_is_named(follows, used, rope_known, text):
     """Rope lengths that are not output look like a share of the offset."""
     rows, true = rows_of(scenes.load("quay-day", {"camera.offset_x_m": 0.5, "camera.offset_y_m": 0.9, "frames": 32}))
-    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
-    by = (np.array(used) - [0.5, 0.9]) / length
-    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.005), len(true))
-    measured = leaning(rows, lean=-by.mean(axis=0) if follows else np.zeros(2), shift=by) + noise
-    assert likely(measured, true, rows, None, rope_known=rope_known).text == f"The angles are as {text}"
+    by = (np.array(used) - [0.5, 0.9]) / ropes(rows)
+    measured = leaning(rows, lean=-by.mean(axis=0) if follows else np.zeros(2), shift=by)
+    assert named(measured, true, rows, 0.005, rope_known=rope_known) == f"The angles are as {text}"
 
 
 def test_an_offset_on_ropes_of_similar_lengths_is_named():
     changes = {"camera.offset_x_m": 0.4, "camera.offset_y_m": 0.7, "frames": FRAMES}
     rope = {"dist": "uniform", "low": 9.0, "high": 13.4}
     rows, true = rows_of(scenes.load("quay-day", changes | {"swing.rope_length_m": rope}))
-    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
-    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.05), len(true))
-    text = likely(leaning(rows, shift=[0, -0.25] / length) + noise, true, rows, None).text
+    text = named(leaning(rows, shift=[0, -0.25] / ropes(rows)), true, rows, 0.05)
     assert re.search(r"offset of \(0\.(39|40|41), 0\.4\d\) m in place of \(0\.40, 0\.70\) m$", text)
 
 
@@ -193,13 +195,11 @@ def test_a_wrong_roll_is_named(scene, roll, used, text):
     changes |= {"swing.settle_s": 25.0} if scene == "work-cycles" else {}
     rows, true = rows_of(scenes.load(scene, changes))
     wrong, right = (camera_rotation(np.radians(4.0), 0.0, np.radians(deg)) for deg in (used, roll))
-    camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
-    grab = np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3]
-    ray = (grab - camera.translation) @ (wrong @ right.T).T
-    measured = swing_of(on_ropes(camera.translation, ray, np.linalg.norm(grab, axis=1)))[0]
+    camera = places(rows, "camera")
+    ray = (places(rows, "grab") - camera) @ (wrong @ right.T).T
+    measured = swing_of(on_ropes(camera, ray, ropes(rows)[:, 0]))[0]
     measured += np.random.default_rng(0).normal(0, np.deg2rad(0.02), len(true))
-    found = likely(measured, true, rows, None).text
-    assert re.fullmatch(f"The angles are as (with a .*, or )?{text}(, or .*)?", found)
+    assert re.fullmatch(f"The angles are as (with a .*, or )?{text}(, or .*)?", named(measured, true, rows))
     for i, row in enumerate(rows):
         row.roll_deg += 20.0 * (i % 2)  # of rolls that differ, no one was taken for another
     assert "roll" not in getattr(likely(measured, true, rows, None), "text", "")
@@ -207,16 +207,14 @@ def test_a_wrong_roll_is_named(scene, roll, used, text):
 
 def test_on_a_rope_of_constant_length_any_offset_and_a_tilt_are_named_together():
     rows, true = rows_of(scenes.load("free-swing", {"camera.offset_x_m": 0.4, "camera.offset_y_m": 0.7, "frames": 192}))
-    text = likely(leaning(rows, shift=np.array([0.1, -0.25]) / 18), true, rows, None).text
+    text = named(leaning(rows, shift=np.array([0.1, -0.25]) / 18), true, rows)
     assert re.search(r"tilt that is 0\.8\d° wrong, .*, or with a horizontal camera offset of \(0\.50, 0\.45\) m", text)
 
 
 def test_offsets_that_leave_the_same_errors_are_named_together():
     changes = {"camera.offset_x_m": 0.5, "camera.offset_y_m": -0.5, "frames": 32}
     rows, true = rows_of(scenes.load("quay-day", changes))
-    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
-    noise = np.random.default_rng(0).normal(0, np.deg2rad(0.005), len(true))
-    assert likely(leaning(rows, shift=[-1.0, 1.0] / length) + noise, true, rows, None).text == (
+    assert named(leaning(rows, shift=[-1.0, 1.0] / ropes(rows)), true, rows, 0.005) == (
         "The angles are as if the camera's horizontal offset of 0.71 m were applied with the opposite sign, "
         "or if x and y of the camera's offset were exchanged"
     )
@@ -225,12 +223,9 @@ def test_offsets_that_leave_the_same_errors_are_named_together():
 def test_an_offset_that_differs_between_frames_is_named():
     changes = {"vary": {"camera.offset_y_m": {"dist": "choice", "values": [-0.9, -0.7, 0.7, 0.9]}}, "frames": FRAMES}
     rows, true = rows_of(scenes.load("quay-day", changes | {"camera.offset_x_m": 0.1, "clip.clip_frames": 1}))
-    offset = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[:, :2, 3]
+    offset = places(rows, "camera")[:, :2]
     assert abs(offset.mean(axis=0)[1]) < 0.3
-    length = np.linalg.norm(np.reshape([row.jib_from_grab for row in rows], (-1, 3, 4))[..., 3], axis=1, keepdims=True)
-    assert re.search(
-        "offset of 0.8. m were left out$", likely(leaning(rows, shift=-offset / length), true, rows, None).text
-    )
+    assert re.search("offset of 0.8. m were left out$", named(leaning(rows, shift=-offset / ropes(rows)), true, rows))
 
 
 @pytest.mark.parametrize("follows", [False, True])
@@ -238,16 +233,13 @@ def test_a_lens_that_is_taken_to_be_without_distortion_is_named(follows):
     changes = {"camera.distortion": {"k1": -0.3, "k2": 0.1}, "camera.beta_deg": 6.0, "swing.settle_s": 25.0}
     rows, true = rows_of(scenes.load("work-cycles", changes))
     rotation = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[..., :3]
-    rays = (
-        [((row.grab_u_px, row.grab_v_px), row) for row in rows],
-        [((row.ideal_u_px, row.ideal_v_px), row) for row in rows],
-    )
-    rays = [np.array([[(u - k.cx_px) / k.fx_px, (v - k.cy_px) / k.fx_px, 1] for (u, v), k in some]) for some in rays]
+    pixels = ([(row.grab_u_px, row.grab_v_px) for row in rows], [(row.ideal_u_px, row.ideal_v_px) for row in rows])
+    k = rows[0]
+    rays = [np.insert((np.array(some) - (k.cx_px, k.cy_px)) / k.fx_px, 2, 1, axis=1) for some in pixels]
     bent, straight = (np.einsum("nij,nj->ni", rotation, r / np.linalg.norm(r, axis=1, keepdims=True)) for r in rays)
     by = (bent - straight)[:, :2]
     measured = leaning(rows, lean=-by.mean(axis=0) if follows else np.zeros(2), shift=by)
-    measured = measured + np.random.default_rng(0).normal(0, np.deg2rad(0.01), len(true))
-    assert likely(measured, true, rows, None).text == "The angles are as if the lens's distortion were left out"
+    assert named(measured, true, rows, 0.01) == "The angles are as if the lens's distortion were left out"
 
 
 @pytest.mark.parametrize("late", [-2, 1, 5])
@@ -262,19 +254,15 @@ def test_a_delay_is_named(late):
 @pytest.mark.parametrize("tilt", ["follows", "known", "estimated", "in wind"])
 def test_a_focal_length_is_named(tilt, factor):
     rows, true = truth("weather", "calm")
-    grab, camera = (
-        np.reshape([getattr(row, name) for row in rows], (-1, 3, 4)) for name in ("jib_from_grab", "jib_from_camera")
-    )
-    axis = camera[..., 2]
-    ray = grab[..., 3] - camera[..., 3]
+    axis = np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4))[..., 2]
+    ray = places(rows, "grab") - places(rows, "camera")
     level = np.cross(axis, np.cross(ray, axis)) / np.sum(ray * axis, axis=1, keepdims=True)  # on the image plane
     wrong = axis + level * factor
     wrong /= np.linalg.norm(wrong, axis=1, keepdims=True)
-    swing = grab[..., 3] / np.linalg.norm(grab[..., 3], axis=1, keepdims=True)
-    swing = swing + wrong - ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    off = wrong - ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    swing = places(rows, "grab") / ropes(rows) + off
     known = np.arctan2(np.linalg.norm(swing[:, :2], axis=1), -swing[:, 2])
-    at_fault = swing - grab[..., 3] / np.linalg.norm(grab[..., 3], axis=1, keepdims=True)
-    moved, lean = at_fault[:, :2], -at_fault.mean(axis=0)[:2]
+    moved, lean = off[:, :2], -off.mean(axis=0)[:2]
     measured = {
         "known": known, "follows": np.arctan(factor * np.tan(true)), "estimated": leaning(rows, moved, lean),
         "in wind": leaning(rows, moved, lean + [0.0, np.deg2rad(1.5)]),
@@ -284,12 +272,8 @@ def test_a_focal_length_is_named(tilt, factor):
     f_px = float(found.text.removeprefix("The angles are as with a focal length of ").partition(" px")[0])
     assert f_px == pytest.approx(rows[0].fx_px / factor, rel=0.02)
     assert np.rad2deg(found.rms) < 0.05
-    assert bool(
-        re.search(
-            r"\), and with a camera tilt that is 1\.\d\d° wrong, [34]\.\d° with an azimuth of 2\d° in place of",
-            found.text,
-        )
-    ) == (tilt == "in wind")
+    beside = r"\), and with a camera tilt that is 1\.\d\d° wrong, [34]\.\d° with an azimuth of 2\d° in place of"
+    assert bool(re.search(beside, found.text)) == (tilt == "in wind")
 
 
 @pytest.mark.parametrize(

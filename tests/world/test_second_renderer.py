@@ -121,13 +121,13 @@ class Works:
 
 def test_the_first_that_works_is_used_and_the_others_are_named(monkeypatch):
     monkeypatch.setattr(choice, "RENDERERS", (failing("numpy", "no\n context"), Works, failing("numpy", "not tried")))
-    with open_second_renderer() as chosen:
-        assert chosen.renderer.open
-        assert chosen.note == "a renderer; numpy cannot start (no context)"
-    assert not chosen.renderer.open
+    with open_second_renderer() as (renderer, note):
+        assert renderer.open
+        assert note == "a renderer; numpy cannot start (no context)"
+    assert not renderer.open
     monkeypatch.setattr(choice, "RENDERERS", (failing("no_such_package", ""), Works))
-    with open_second_renderer() as chosen:
-        assert chosen.note == "a renderer"
+    with open_second_renderer() as (_, note):
+        assert note == "a renderer"
 
 
 def test_without_one_that_works_the_error_says_what_to_install(monkeypatch):

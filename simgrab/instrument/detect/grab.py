@@ -348,13 +348,7 @@ def _opened(path: Path, task: str, picture: tuple[int, ...], outputs: Shapes) ->
 
 
 def _run(net: Net, pictures: Picture, outputs: Shapes) -> list[Any]:
-    """Run a net, whose outputs have these shapes for each picture.
-
-    Raises
-    ------
-    DetectorError
-        If they have others.
-    """
+    """Run a net, whose outputs must have these shapes for each picture."""
     found = net(pictures)
     if [out.shape for out in found] != [(len(pictures), *shape) for shape in outputs]:
         shapes = ", ".join(" x ".join(map(str, out.shape)) for out in found)

@@ -115,13 +115,7 @@ def mirror(crop: Picture) -> Picture:
 
 
 def places(width: int, height: int, corner: Array, extent: Array, size: int) -> Array:
-    """Where each pixel of a part lies: from the picture's middle, in the picture's widths, (size, size, 2).
-
-    Parameters
-    ----------
-    width, height, corner, extent, size
-        As of `mask`.
-    """
+    """Where each pixel of a part, as of `mask`, lies: from the middle, in the picture's widths, (size, size, 2)."""
     steps = (np.arange(size) + 0.5) / size
     x, y = (corner[:, None] + steps * extent[:, None] - np.array([[width], [height]]) / 2) / width
     return np.stack(np.meshgrid(x, y), axis=-1)

@@ -172,12 +172,7 @@ def decode(out: NDArray[np.generic], how: OutputLayout, column: int, height: int
 
 
 def _column(net: Net, classes: int) -> int:
-    """Index of the grab's class: the only class, or the one named ``grab``.
-
-    Raises
-    ------
-    DetectorError
-    """
+    """Index of the grab's class: the only class, or the one named ``grab``."""
     given = _literal(net, "names")
     names = list(given.values()) if isinstance(given, dict) else given if isinstance(given, list) else []
     if names and len(names) != classes:
@@ -211,13 +206,7 @@ def _grid(height: int, width: int) -> tuple[Array, Array]:
 
 
 def _input(net: Net) -> tuple[int, int]:
-    """Height and width of the picture that a net takes as input.
-
-    Raises
-    ------
-    DetectorError
-        If its input is not a picture.
-    """
+    """Height and width of the picture that a net takes as input."""
     shape = next(iter(net.inputs.values()), ())
     fits = len(net.inputs) == 1 and net.types[0] == "tensor(float)" and len(shape) == 4
     if not fits or shape[0] not in (1, None) or shape[1] not in (3, None):

@@ -19,9 +19,7 @@ def _axis(run: Run) -> tuple[Array, str]:
 def mark_lost(axes: Axes, at: Array, run: Run) -> None:
     """Mark frames without an angle by ticks at α = 0, in a colour for each status; ``at`` (n,) are their times."""
     for status, colour in _LOST.items():
-        where = np.array([m.status == status for m in run.measurements])
-        if where.any():
-            axes.plot(at[where], np.zeros(where.sum()), "|", color=colour, ms=9, label=status, rasterized=True)
+        _foot(axes, at[[m.status == status for m in run.measurements]], colour, status)
 
 
 def trace(run: Run) -> Figure:
@@ -30,11 +28,10 @@ def trace(run: Run) -> Figure:
     axes = figure.subplots()
     at, label = _axis(run)
     alpha = np.rad2deg(run.alpha)
-    ends = np.rad2deg(np.array([(m.alpha_low, m.alpha_high) for m in run.measurements], float))  # None becomes NaN
     for event in run.events:
         axes.axvspan(event.onset_s, max(event.end_s, event.onset_s + 0.1), color=RED, alpha=0.18, lw=0)
     style = {"lw": 0.8} if run.time is not None else {"lw": 0, "marker": ".", "ms": 3}
-    axes.fill_between(at, *ends.T, color=GREY, alpha=0.45, lw=0, label="95 % interval", rasterized=True)
+    axes.fill_between(at, *np.rad2deg(run.ends).T, color=GREY, alpha=0.45, lw=0, label="95 % interval", rasterized=True)
     axes.plot(at, alpha, color=BLUE, label="α", rasterized=True, **style)
     axes.axhline(10, color=RED, lw=1, ls="--", label="danger, 10°")
     mark_lost(axes, at, run)
@@ -80,11 +77,9 @@ def rope(run: Run) -> Figure:
     figure = Figure(figsize=(12, 2.8), layout="constrained")
     axes = figure.subplots()
     at, label = _axis(run)
-    length = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements])
-    axes.plot(at, length, ".", ms=4, color=GREEN, mew=0, label="|OA|", rasterized=True)
+    axes.plot(at, run.rope_length, ".", ms=4, color=GREEN, mew=0, label="|OA|", rasterized=True)
     for status, colour in (("refused", GREY), ("jump", RED)):
-        where = np.array([m.rope_status == status for m in run.measurements])
-        _foot(axes, at[where], colour, f"display: {status}")
+        _foot(axes, at[[m.rope_status == status for m in run.measurements]], colour, f"display: {status}")
     axes.set(xlabel=label, ylabel="rope (m)", ylim=(0, None), xlim=_span(at))
     axes.legend(fontsize=8, loc="lower right")
     return figure

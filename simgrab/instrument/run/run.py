@@ -105,6 +105,8 @@ def run(
         named["camera"] = encodable(camera)
         camera = camera_file.load(camera)
     opened = open_source(source, rate_hz=options.rate_hz)
+    if isinstance(opened, PictureFiles) and opened.labels_sha256:
+        named["labels_sha256"] = opened.labels_sha256
     live = options.live or opened.live
     instrument = instrument or assemble(live=live)
     if (
@@ -120,7 +122,7 @@ def run(
             found, overlay = _whole(opened, camera, instrument, options, folder, progress)
         else:
             found, overlay = parts.next(folder, options)
-        found = _named(found, opened, named)
+        found = replace(found, about=found.about | named)
         if folder is not None:
             _write(found, overlay, folder, paper=options.paper)
         return found
@@ -181,9 +183,8 @@ def measure(
         raise SourceError(f"{source}: it contains no frames")
     if len(measured) != len(notes.names):
         raise RunError(f"{len(measured)} measurements of {len(notes.names)} frames; one for each frame is required")
-    speed = {"frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds}
     tilt = None if record is None else record.tilt
-    return _conclude(notes, measured, calibration, instrument, source, record, tilt, speed)
+    return _conclude(notes, measured, calibration, instrument, source, record, tilt, seconds)
 
 
 def _whole(
@@ -266,12 +267,11 @@ class _Parts:
         if not measured:
             raise SourceError(f"{self._source.name}: it contains no frames")
         seconds = time.perf_counter() - begun
-        speed = {
-            "frames": len(measured), "seconds": seconds, "frames_per_s": len(measured) / seconds,
-            "latency_median_s": float(np.median(latency)), "latency_p99_s": float(np.quantile(latency, 0.99)),
-        }  # fmt: skip
-        found = _conclude(notes, measured, self._calibration, self._instrument, self._source.name, None, tilt, speed)
-        return replace(found, about=found.about | {"faults": msgspec.to_builtins(faults)}), overlay
+        found = _conclude(notes, measured, self._calibration, self._instrument, self._source.name, None, tilt, seconds)
+        median, p99 = np.quantile(latency, [0.5, 0.99]).tolist()
+        speed = found.about["speed"] | {"latency_median_s": median, "latency_p99_s": p99}
+        about = found.about | {"speed": speed, "faults": msgspec.to_builtins(faults)}
+        return replace(found, about=about), overlay
 
 
 class _Notes:
@@ -306,13 +306,6 @@ class _Notes:
         )
 
 
-def _named(run: Run, source: Source, named: dict[str, Any]) -> Run:
-    """Add the camera file's name to a run, and the identity of the dataset, if it is on one."""
-    if isinstance(source, PictureFiles) and source.labels_sha256:
-        named = named | {"labels_sha256": source.labels_sha256}
-    return replace(run, about=run.about | named)
-
-
 def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:
     for done, frame in enumerate(source, 1):
         yield frame
@@ -322,7 +315,7 @@ def _counted(source: Source, progress: Progress | None) -> Iterator[Frame]:
 
 def _conclude(
     notes: _Notes, measured: Iterable[Measurement], calibration: Calibration, instrument: Instrument, source: str,
-    record: MeasuredRecord | None, tilt: Known | None, speed: dict[str, Any],
+    record: MeasuredRecord | None, tilt: Known | None, seconds: float,
 ) -> Run:  # fmt: skip
     measurements = tuple(measured)
     time_s = None if None in notes.times else np.array(notes.times, float)
@@ -341,7 +334,7 @@ def _conclude(
         "above_10_deg": alarm.share(*np.array([(m.alpha, m.alpha_low, m.alpha_high) for m in measurements], float).T),
         "warnings": runs.alarms(early),
         "notes": [*notes.notes, *reported.pop("notes", ()), *cut],
-        "speed": speed,
+        "speed": {"frames": len(measurements), "seconds": seconds, "frames_per_s": len(measurements) / seconds},
     } | ({"controller": reported} if reported else {})  # fmt: skip
     return Run(instrument.name, source, calibration, time_s, tuple(notes.names), measurements, found, about)
 

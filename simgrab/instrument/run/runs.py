@@ -114,7 +114,17 @@ class Run:
     @property
     def alpha(self) -> Array:
         """Swing of each frame, rad, shape (n,); NaN where there is none."""
-        return np.array([np.nan if m.alpha is None else m.alpha for m in self.measurements], float)
+        return np.array([m.alpha for m in self.measurements], float)
+
+    @property
+    def ends(self) -> Array:
+        """Ends of the 95 % intervals, rad, shape (n, 2); NaN where there is none."""
+        return np.array([(m.alpha_low, m.alpha_high) for m in self.measurements], float).reshape(-1, 2)
+
+    @property
+    def rope_length(self) -> Array:
+        r"""Lengths \|OA\| from which the swings were computed, m, shape (n,); NaN where there is none."""
+        return np.array([m.rope_length_m for m in self.measurements], float)
 
     @property
     def pixels(self) -> Array:
@@ -147,12 +157,13 @@ def _degrees(value: float | None) -> float | None:
     return None if value is None else math.degrees(value)
 
 
+def _radians(value: float | None) -> float | None:
+    return None if value is None else math.radians(value)
+
+
 def _measurement(row: dict[str, Any]) -> Measurement:
-    plain = {name: row[name] for name in (*_TEXT, "danger", "score", "rope_length_m")}
-    plain |= {name: row.get(name) for name in ("warning", "peak_in_s")}  # which a table may lack
-    for name in (*_ANGLES, "direction", *_PEAK):
-        value = row[f"{name}_deg"] if name in _ANGLES else row.get(f"{name}_deg")
-        plain[name] = None if value is None else math.radians(value)
+    plain = {name: row[name] for name in (*_TEXT, "danger", "score", "rope_length_m", "warning", "peak_in_s")}
+    plain |= {name: _radians(row[f"{name}_deg"]) for name in (*_ANGLES, "direction", *_PEAK)}
     for name, columns in _PARTS.items():
         part = tuple(row[column] for column in columns)
         plain[name] = None if None in part else part
@@ -195,14 +206,9 @@ def reasons(measurements: Sequence[Measurement]) -> list[tuple[str, str, int]]:
 
 
 def _event(plain: dict[str, Any]) -> dict[str, Any]:
-    low, high = plain["alpha_low_deg"], plain["alpha_high_deg"]
-    return {
-        "first": plain["first_frame"], "last": plain["last_frame"], "peak": plain["peak_frame"],
-        "onset_s": plain["onset_s"], "end_s": plain["end_s"], "peak_s": plain["peak_s"],
-        "alpha": math.radians(plain["alpha_deg"]), "alpha_low": None if low is None else math.radians(low),
-        "alpha_high": None if high is None else math.radians(high), "danger": plain["danger"],
-        "ongoing": plain["ongoing"],
-    }  # fmt: skip
+    event = {name: plain[name] for name in ("onset_s", "end_s", "peak_s", "danger", "ongoing")}
+    event |= {name: plain[f"{name}_frame"] for name in ("first", "last", "peak")}
+    return event | {name: _radians(plain[f"{name}_deg"]) for name in _ANGLES}
 
 
 def _sheet(found: pa.Table) -> pa.Table:

@@ -57,10 +57,10 @@ def _figures(alpha: Array, beta_deg: float | None) -> list[tuple[str, str]]:
     )
     return [
         ("frames with an angle", str(len(degrees))),
-        ("tilt β̂ (deg)", _number(beta_deg)),
-        ("swing σ̂ (deg)", _number(sigma)),
-        ("α̂ at most 5°", _percent(below)),
-        ("largest α̂ (deg)", _number(largest)),
+        ("tilt β̂ (deg)", number(beta_deg)),
+        ("swing σ̂ (deg)", number(sigma)),
+        ("α̂ at most 5°", percent(below)),
+        ("largest α̂ (deg)", number(largest)),
     ]
 
 
@@ -91,16 +91,13 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows += _intervals(estimate, timed=run.time is not None)
     elif run.about["tilt"] is not None:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
-    owed = run.about.get("assumed", {}).get("text")
-    rows += [("95 % intervals", owed)] if owed else []
-    leans = run.about.get("assumed", {}).get("leans")
-    rows += [("warning", leans)] if leans else []
-    beyond = run.about.get("assumed", {}).get("beyond")
-    rows += [("contradicts the camera file", beyond)] if beyond else []
+    for name, key in (("95 % intervals", "text"), ("warning", "leans"), ("contradicts the camera file", "beyond")):
+        text = run.about.get("assumed", {}).get(key)
+        rows += [(name, text)] if text else []
     above = run.about.get("above_10_deg", {})
     if above.get("share") is not None:
-        ends = "" if above["low"] is None else f" ({_percent(above['low'])} to {_percent(above['high'])}, 95 %)"
-        rows.append(("frames with α above 10°", f"{_percent(above['share'])}{ends}"))
+        ends = "" if above["low"] is None else f" ({percent(above['low'])} to {percent(above['high'])}, 95 %)"
+        rows.append(("frames with α above 10°", f"{percent(above['share'])}{ends}"))
     rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
     if any(m.warning is not None for m in run.measurements):
         rows.append(("early warnings", str(len(run.about["warnings"]))))
@@ -128,9 +125,11 @@ def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, s
     return [*of_tilt, ("95 % intervals by", f"frames that are {WORKING.apart_s:g} s apart" if timed else "frames")]
 
 
-def _number(value: Any) -> str:
-    return "" if value is None else f"{value:.3f}"
+def number(value: float | None, digits: int = 3) -> str:
+    """Write a number; empty for None."""
+    return "" if value is None else f"{value:.{digits}f}"
 
 
-def _percent(value: Any) -> str:
-    return "" if value is None else f"{100 * value:.1f} %"
+def percent(value: float | None, digits: int = 1) -> str:
+    """Write a share; empty for None."""
+    return "" if value is None else f"{100 * value:.{digits}f} %"

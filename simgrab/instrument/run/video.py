@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -17,10 +16,12 @@ from numpy.typing import NDArray
 
 from simgrab.instrument.alarm import ALARM, DANGER, SCALE
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.io.pictures import encode
 from simgrab.io.playback import FRAGMENTED
 
 Picture: TypeAlias = NDArray[np.uint8]
 Colour: TypeAlias = tuple[int, int, int]
+_Still: TypeAlias = tuple[float, int, bytes]  # swing, rad, number of the frame, and JPEG
 
 WIDEST_PX = 1280
 _TICKS_PER_S = 90_000
@@ -97,38 +98,27 @@ class OverlayVideo:
         self._file.mux(self._stream.encode(frame))
 
 
-@dataclass(frozen=True)
-class _Still:
-    alpha: float
-    frame: int
-    jpeg: bytes
-
-
 class _Album:
     """Keeps the picture of the largest swing, and of the largest swing in each stretch that may be an alarm."""
 
     def __init__(self) -> None:
-        self._largest: _Still | None = None
+        self._largest: _Still = (-1.0, 0, b"")
         self._peaks: list[_Still] = []
         self._until = -math.inf  # the end of the present stretch, unless it goes on
 
     @property
     def stills(self) -> dict[int, bytes]:
-        kept = [*self._peaks, *([] if self._largest is None else [self._largest])]
-        return {still.frame: still.jpeg for still in kept}
+        return {frame: jpeg for _, frame, jpeg in (*self._peaks, self._largest) if jpeg}
 
     def offer(self, index: int, time_s: float | None, alpha: float, drawn: Picture) -> None:
-        largest = self._largest is None or alpha > self._largest.alpha
-        high = alpha >= ALARM.released_at and time_s is not None
-        anew = high and time_s is not None and time_s > self._until
-        peak = high and (anew or alpha > self._peaks[-1].alpha)
-        if high and time_s is not None:
+        largest, anew, peak = alpha > self._largest[0], False, False
+        if time_s is not None and alpha >= ALARM.released_at:
+            anew = time_s > self._until
+            peak = anew or alpha > self._peaks[-1][0]
             self._until = time_s + ALARM.quiet_s
         if not (largest or peak):
             return
-        quality = [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
-        jpeg = cv2.imencode(".jpg", cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR), quality)[1].tobytes()
-        still = _Still(alpha, index, jpeg)
+        still = alpha, index, encode(drawn[..., ::-1], "jpeg", _QUALITY)
         if largest:
             self._largest = still
         if peak:

@@ -6,17 +6,15 @@ from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from simgrab.judge.audit.proof import Findings, Proof
+from simgrab.model.geometry import Array
 from simgrab.model.scenario import DoublePendulum, FourRopes, OneBody, Suspension
 from simgrab.model.truth import Truth
 
 IDENTITY_TOLERANCE = 1e-9
 PIXEL_TOLERANCE = 1e-6
-
-Array = NDArray[np.float64]
 
 
 def paper_identities(rows: Sequence[Truth]) -> Proof:
@@ -48,19 +46,10 @@ def paper_identities(rows: Sequence[Truth]) -> Proof:
     return found.proof("eqs (1) and (2) of the paper hold, seen from the camera", f"worst residual {worst:.1e}")
 
 
-def _as_one_body(_row: Truth) -> tuple[Suspension, float]:
-    return OneBody(), 0.0
-
-
-def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, float]] = _as_one_body) -> Proof:
+def poses(rows: Sequence[Truth], hanging: Callable[[Truth], tuple[Suspension, float]]) -> Proof:
     """Check stored poses against stored angles, lengths and offsets, by SciPy's rotations.
 
-    Parameters
-    ----------
-    rows : sequence of Truth
-    hanging : callable
-        Returns how a row's grab hangs, and the height of its rope ends in the grab's frame, m; by default grab and
-        ropes are one body.
+    ``hanging`` returns how a row's grab hangs, and the height of its rope ends in the grab's frame, m.
     """
     found, worst = Findings(), 0.0
     for row in rows:

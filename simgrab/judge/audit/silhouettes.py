@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from simgrab.errors import RendererError
 from simgrab.judge.audit.proof import Findings, Proof
 from simgrab.judge.audit.second_renderer import SecondRenderer, Shapes, open_second_renderer
+from simgrab.model.geometry import Array
 from simgrab.model.truth import Truth
 from simgrab.world.camera.lens import Window
 from simgrab.world.frames import FrameGenerator
@@ -25,7 +26,6 @@ LEAST_IOU = 0.98
 MOST_SAMPLES = 5000  # a side of the supersampled picture
 CLAIM = "a second renderer renders the same silhouette"
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
@@ -87,18 +87,18 @@ def compare(rows: Sequence[Truth], generator: FrameGenerator, tick: Iterable[Non
     """
     found, worst = Findings(), NONE
     try:
-        with open_second_renderer() as choice:
+        with open_second_renderer() as (renderer, note):
             for _, group in groupby(
                 zip(rows, tick, strict=False), lambda row: generator.recipe.variant_number(row[0].frame)
             ):
                 seen = [row for row, _ in group if row.in_frame_fraction > 0]
                 if seen:
-                    choice.renderer.load(grab_shapes(generator, seen[0].frame))
+                    renderer.load(grab_shapes(generator, seen[0].frame))
                 for row in seen:
-                    worst = worst.worst(_compare(row, generator, choice.renderer, found))
+                    worst = worst.worst(_compare(row, generator, renderer, found))
     except RendererError as problem:
         return Proof(CLAIM, 0, note=str(problem))
-    return found.proof(CLAIM, f"{worst}; {choice.note}", choice.renderer.name)
+    return found.proof(CLAIM, f"{worst}; {note}", renderer.name)
 
 
 def grab_shapes(generator: FrameGenerator, frame: int) -> Shapes:

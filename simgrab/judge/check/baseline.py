@@ -103,10 +103,11 @@ def load(folder: Path) -> Baseline | None:
     path = folder / FILE
     if not os.path.lexists(path):
         return None
-    return convert(read_json(path, _refusal, "baseline"), Baseline, _refusal, path)
+    return convert(read_json(path, refusal, "baseline"), Baseline, refusal, path)
 
 
-def _refusal(problem: str) -> SuiteError:
+def refusal(problem: str) -> SuiteError:
+    """Make the error of a recorded file that cannot be used."""
     return SuiteError(f"{problem}; record it again with --update-baseline")
 
 

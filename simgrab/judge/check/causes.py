@@ -67,7 +67,7 @@ def causes(
         yield Cause(f"{late.text}.", late.alternatives)
     elif any(what.startswith("detection.centre") for what in failed):
         yield from _of_pixels(trial)
-    read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+    read = run.rope_length
     display, shown = trial.dataset.scenario.display, trial.dataset.scenario.display_layout is not None
     ages_s = (display.lag_s, display.lag_s + 1 / display.refresh_hz) if shown else None
     wrong = of_rope(read, trial.known.rope_length, run.time, ages_s=ages_s)
@@ -105,7 +105,7 @@ def causes(
             mistake = None
         rmse = _rms(measured - swing)
         if mistake:
-            rest = np.rad2deg(_rms_of(mistake.left))
+            rest = np.rad2deg(_rms(mistake.left))
             text = f"{mistake.text}. Otherwise the RMSE would be {rest:.2f}° instead of {rmse:.2f}°."
             yield Cause(text, mistake.alternatives)
             if not mistake.of_tilt:
@@ -127,7 +127,7 @@ def _without_centres(run: Run, true: Array) -> str:
     """State that most of the error is of angles without a centre beside them, as of one that is kept; else empty."""
     off, seen = run.alpha - true, np.isfinite(run.pixels).all(axis=1)
     known = np.isfinite(off)
-    without, rmse, rest = known & ~seen, _rms_of(off), _rms_of(off[seen])
+    without, rmse, rest = known & ~seen, _rms(off), _rms(off[seen])
     if not without.any() or (known & seen).sum() < FEWEST or rest >= rmse / 2:
         return ""
     same = int((np.diff(run.alpha, prepend=np.nan)[without] == 0).sum())
@@ -184,13 +184,9 @@ def _metrics(alpha: Array, known: Truths) -> Metrics:
 
 
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _rms_of(values: Array) -> float:
     """Root mean square of the finite values; 0 of none."""
     some = values[np.isfinite(values)]
-    return _rms(some) if len(some) else 0.0
+    return float(np.sqrt(np.mean(some**2))) if len(some) else 0.0
 
 
 def _of_angles(measured: Array, true: Array) -> Iterator[str]:
@@ -227,7 +223,7 @@ def _of_stages(
     later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
     assert trial.known is not None
     known = trial.known
-    centre_deg, tilt = np.rad2deg(_rms_of(swing_of(by_centres(run, known))[0] - known.alpha)), of_tilt(run, known)
+    centre_deg, tilt = np.rad2deg(_rms(swing_of(by_centres(run, known))[0] - known.alpha)), of_tilt(run, known)
     budget = None if trial.evaluation is None else trial.evaluation.budget
     if trial.centres and centre_deg**2 > rmse**2 / 2 and not steady:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))

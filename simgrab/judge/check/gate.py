@@ -227,10 +227,7 @@ def judged(
 ) -> Outcome:
     """Judge a trial of a scene, and warn of centres that figures leave out, and of limits that a constant angle meets.
 
-    Parameters
-    ----------
-    name, found, limits, recorded, comparisons
-        As in `simgrab.judge.check.verdicts.of_trial`.
+    Parameters are those of `simgrab.judge.check.verdicts.of_trial`.
     """
     verdicts, notes = tuple(of_trial(name, found, limits, recorded, comparisons)), []
     if left := leaves_out(found, verdicts):

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from simgrab.dataset.datasets import MANIFEST, Dataset
-from simgrab.errors import DatasetError, PictureError, SuiteError
+from simgrab.errors import DatasetError, PictureError
 from simgrab.io.parse import read_json
 from simgrab.io.pictures import read as read_picture
 from simgrab.io.strict import convert
+from simgrab.judge.check.baseline import refusal
 from simgrab.judge.check.verdicts import Status, Verdict
 from simgrab.judge.doctor import cpu_features
 from simgrab.model.truth import Row
@@ -80,14 +81,10 @@ def load(folder: Path) -> dict[str, GoldenPicture]:
     path = folder / FILE
     if not os.path.lexists(path):
         return {}
-    listed = read_json(path, _refusal, "golden frames")
+    listed = read_json(path, refusal, "golden frames")
     if not isinstance(listed, dict):
-        raise _refusal(f"{path}: must be a table of golden frames")
-    return {name: convert(kept, GoldenPicture, _refusal, f"{path}: {name}") for name, kept in listed.items()}
-
-
-def _refusal(problem: str) -> SuiteError:
-    return SuiteError(f"{problem}; record them again with --update-baseline")
+        raise refusal(f"{path}: must be a table of golden frames")
+    return {name: convert(kept, GoldenPicture, refusal, f"{path}: {name}") for name, kept in listed.items()}
 
 
 def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: float) -> tuple[Verdict, Picture | None]:
@@ -162,7 +159,7 @@ def _read(path: Path) -> Picture:
     try:
         return read_picture(path)
     except PictureError as problem:
-        raise SuiteError(f"{problem}; record it again with --update-baseline") from None
+        raise refusal(str(problem)) from None
 
 
 def _beside(golden: Picture, picture: Picture) -> Picture:

@@ -11,7 +11,6 @@ from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
 
-import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from simgrab.errors import SuiteError
 from simgrab.io.destination import writing
 from simgrab.io.files import write
 from simgrab.io.parse import read_json
+from simgrab.io.pictures import encode
 from simgrab.judge.check.causes import Cause, causes
 from simgrab.judge.check.suite import Limit
 from simgrab.judge.check.trial import Metrics, Trial
@@ -212,12 +212,7 @@ def _printable(text: str) -> str:
 def save(report: Report, out: Path, page: str) -> None:
     """Write ``check.json``, ``check.html``, ``junit.xml`` and ``golden/``, each file whole or not at all.
 
-    Parameters
-    ----------
-    report : Report
-    out : Path
-    page : str
-        What `simgrab.judge.check.page.page` makes of the report.
+    ``page`` is what `simgrab.judge.check.page.page` makes of the report.
 
     Raises
     ------
@@ -228,7 +223,7 @@ def save(report: Report, out: Path, page: str) -> None:
         for name in _earlier(out / RESULT):
             (out / name).unlink(missing_ok=True)
         for name, picture in report.pictures.items():
-            write(out / PICTURES / name, cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes())
+            write(out / PICTURES / name, encode(picture[..., ::-1], "png"))
         write(out / PAGE, page)
         write(out / JUNIT, as_junit(report))
         write(out / RESULT, as_json(report))

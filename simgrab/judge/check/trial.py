@@ -132,11 +132,6 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]
     return result
 
 
-def of_angle(metric: str) -> bool:
-    """Whether a metric is an error of the swing angle."""
-    return metric.startswith("angle.") and metric.endswith("_deg")
-
-
 def naive(known: Truths, limits: Mapping[str, Limit]) -> dict[str, tuple[float | None, float | None]]:
     """Return what instruments without any picture would reach of the metrics of the angle that have limits.
 
@@ -147,7 +142,7 @@ def naive(known: Truths, limits: Mapping[str, Limit]) -> dict[str, tuple[float |
         frame before. The latter is None for frames that do not follow each other in time.
     """
     true = known.alpha
-    limits = {name: limit for name, limit in limits.items() if of_angle(name)}
+    limits = {name: limit for name, limit in limits.items() if name.startswith("angle.") and name.endswith("_deg")}
     if not limits or not np.isfinite(true).any():
         return {}
 

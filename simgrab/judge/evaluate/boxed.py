@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,15 +20,6 @@ from simgrab.model.truth import Boxed
 
 RESAMPLES = 1000
 FEWEST_VIDEOS = 6  # for an interval: resamples of fewer cannot cover 95 %
-
-
-@dataclass(frozen=True, eq=False)
-class BoxedCase(Boxes):
-    """One frame: its box, if any, and its detection."""
-
-    truth: Boxed
-    labelled: bool
-    detection: Detection
 
 
 def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: int = RESAMPLES) -> dict[str, Any]:
@@ -52,10 +42,10 @@ def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: 
         and ``false_videos``, the videos with a missed grab and those with a box in an empty frame; and ``by_video``,
         the counts of each.
     """
-    some = [BoxedCase(row, row.box_x0_px is not None, found) for row, found in zip(rows, detections, strict=True)]
-    videos: dict[str, list[BoxedCase]] = {}
-    for case in some:
-        videos.setdefault(case.truth.video, []).append(case)
+    some, videos = list[Boxes](), dict[str, list[Boxes]]()
+    for row, found in zip(rows, detections, strict=True):
+        some.append(Boxes(row, row.box_x0_px is not None, found))
+        videos.setdefault(row.video, []).append(some[-1])
     counts = {
         video: {
             "frames": len(cases),
@@ -75,7 +65,7 @@ def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: 
     }
 
 
-def _interval(videos: Sequence[Sequence[BoxedCase]], resamples: int) -> tuple[float, float] | None:
+def _interval(videos: Sequence[Sequence[Boxes]], resamples: int) -> tuple[float, float] | None:
     """95 % interval of the mAP50-95 over videos, by the bootstrap's percentiles; None for fewer than six."""
     if len(videos) < FEWEST_VIDEOS:
         return None

@@ -16,6 +16,7 @@ from simgrab.instrument.estimate.frames import mount_from_camera, tilt_of
 from simgrab.instrument.run.runs import Run
 from simgrab.judge.evaluate.swings import errors
 from simgrab.judge.evaluate.truths import Truths
+from simgrab.model import label_arrays as labels
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, on_ropes, swing_of, to_camera
 from simgrab.model.rng import stream
@@ -132,7 +133,7 @@ class _Parts:
 
     @classmethod
     def of(cls, run: Run, known: Truths) -> _Parts | None:
-        read = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
+        read = run.rope_length
         reads = not np.isnan(read).all()
         used = read if reads else known.rope_length  # without a display the length plays no part
         centres = {"true": known.centre, "box": known.box_centre, "detected": run.pixels}
@@ -261,8 +262,7 @@ def true_camera(rows: Sequence[Row], nominal: Calibration) -> Calibration:
 def by_pose(rows: tuple[Row, ...], pixels: Array, rope: Array) -> Array:
     r"""Centre A (n, 3), m, jib frame, of a grab seen at pixels (n, 2) by cameras of known pose, with \|OA\| (n,)."""
     pose = np.array([row.jib_from_camera for row in rows]).reshape(-1, 3, 4)
-    camera = true_camera(rows, _any_camera(rows[0])).intrinsics
-    ray = np.einsum("nij,nj->ni", pose[:, :, :3], camera.rays(pixels))
+    ray = np.einsum("nij,nj->ni", pose[:, :, :3], labels.intrinsics(rows[0]).rays(pixels))
     return on_ropes(pose[:, :, 3], ray, rope)
 
 
@@ -275,7 +275,3 @@ def steady(rows: tuple[Row, ...], camera: Calibration) -> Known:
     return Known(
         "truth", len(rows), float(np.rad2deg(beta)), float(np.rad2deg(azimuth)), camera.offset_m, nothing
     )  # fmt: skip
-
-
-def _any_camera(row: Row) -> Calibration:
-    return Calibration(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px)

@@ -32,8 +32,9 @@ ROPE_BINS_M = {
 HALF = 0.5
 
 
+@dataclass(frozen=True, eq=False)
 class Boxes:
-    """Boxes of a frame: the labelled one and the detected one."""
+    """Boxes of a frame: the labelled one, if detection labels hold one, and the detected one."""
 
     truth: Row | Boxed
     labelled: bool
@@ -58,15 +59,11 @@ class Boxes:
 
 @dataclass(frozen=True, eq=False)
 class Case(Boxes):
-    """One frame: truth and detection.
+    """One frame whose truth is known.
 
     Attributes
     ----------
-    truth : Row
-    labelled : bool
-        Whether detection labels hold a box.
     weather : str
-    detection : Detection
     dataset : str
         Name that separates its worlds from those of other datasets.
     has_yaw : bool
@@ -74,9 +71,7 @@ class Case(Boxes):
     """
 
     truth: Row
-    labelled: bool
-    weather: str
-    detection: Detection
+    weather: str = ""
     dataset: str = ""
     has_yaw: bool = True
 
@@ -86,14 +81,10 @@ class Case(Boxes):
         return self.dataset, self.truth.variant
 
     @property
-    def centre_only(self) -> bool:
-        """Whether a centre was output without a box."""
-        return self.detection.box is None and self.detection.centre is not None
-
-    @property
     def hits(self) -> bool:
         """Whether a labelled grab's centre was output, with a true positive box or without a box."""
-        return self.hit or (self.labelled and self.centre_only)
+        centre_only = self.detection.box is None and self.detection.centre is not None
+        return self.hit or (self.labelled and centre_only)
 
     @property
     def half_visible(self) -> bool:
@@ -111,7 +102,7 @@ def cases(dataset: Dataset, detections: Sequence[Detection]) -> list[Case]:
     scenario = dataset.scenario
     has_yaw = "grab" in scenario.vary or not isinstance(scenario.grab, OrangePeel)
     return [
-        Case(row, dataset.is_labelled(row), dataset.weather(row), found, str(dataset.path), has_yaw)
+        Case(row, dataset.is_labelled(row), found, dataset.weather(row), str(dataset.path), has_yaw)
         for row, found in zip(dataset.rows, detections, strict=True)
     ]
 
@@ -238,15 +229,14 @@ def longest_miss(labelled: Sequence[Case]) -> int:
     longest = run = 0
     before: Case | None = None
     for case in labelled:
-        run = 0 if case.hit else 1 + (run if before and _follows(case, before) else 0)
+        follows = (
+            before is not None
+            and case.truth.frame > before.truth.frame
+            and (case.truth.clip, case.world) == (before.truth.clip, before.world)
+        )
+        run = 0 if case.hit else 1 + run * follows
         longest, before = max(longest, run), case
     return longest
-
-
-def _follows(case: Case, before: Case) -> bool:
-    """Whether a case comes later in the same clip and world."""
-    later = case.truth.frame > before.truth.frame
-    return later and (case.truth.clip, case.world) == (before.truth.clip, before.world)
 
 
 def centre_errors(hits: Sequence[Case]) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "detection": of_detection(run, known),
         "reading": of_reading(run, known),
         "angle": swings.angles(run.alpha, known.alpha, known.rope_length, known.weather),
-        "interval": swings.coverage(run.measurements, known.alpha),
+        "interval": swings.coverage(run.ends, known.alpha),
         "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha),
         "warning": _of_warning(run, known.alpha),
         "budget": budget(run, known),
@@ -87,9 +87,8 @@ def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
     """Score boxes and centres; None if the instrument measured frames but outputs neither."""
     boxes = any(m.box is not None for m in run.measurements)
     centres = any(m.centre is not None for m in run.measurements)
-    if not (boxes or centres or any(m.status == "missed" for m in run.measurements)):
-        return None
-    if not (boxes or centres) and any(m.status == "ok" for m in run.measurements):
+    statuses = {m.status for m in run.measurements}
+    if not (boxes or centres) and ("ok" in statuses or "missed" not in statuses):
         return None
     found = detection.figures(cases(run, known)) | {"jitter_px": jitter(run, known)}
     return found | dict.fromkeys(_OF_BOXES) if centres and not boxes else found
@@ -98,7 +97,7 @@ def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:
 def cases(run: Run, known: Truths) -> list[Case]:
     """Join the frames of known truth with what was found in them."""
     return [
-        Case(row, bool(labelled), weather, _detection(m))
+        Case(row, bool(labelled), _detection(m), weather)
         for row, labelled, weather, m in zip(known.rows, known.labelled, known.weather, run.measurements, strict=True)
         if row is not None
     ]
@@ -140,8 +139,7 @@ def of_reading(run: Run, known: Truths) -> ReadingScore | None:
         for i, (m, row) in enumerate(zip(run.measurements, known.rows, strict=True))
         if texts and row is not None and row.rope_text is not None and m.status != "lost"
     ]
-    length = np.array([np.nan if m.rope_length_m is None else m.rope_length_m for m in run.measurements], float)
-    off = np.abs(length - known.rope_length)
+    off = np.abs(run.rope_length - known.rope_length)
     off = off[np.isfinite(off)]
     if not reads and not len(off):
         return None

@@ -40,7 +40,7 @@ def trace(run: Run, known: Truths) -> Figure:
     above.axhline(10, color=RED, lw=1, ls="--")
     above.set(ylabel="α (deg)", ylim=(-0.4, None))
     above.legend(fontsize=8, loc="upper right")
-    ends = np.rad2deg(np.array([(m.alpha_low, m.alpha_high) for m in run.measurements], float).reshape(-1, 2))
+    ends = np.rad2deg(run.ends)
     below.fill_between(at, ends[:, 0] - alpha, ends[:, 1] - alpha, color=GREY, alpha=0.45, lw=0, rasterized=True)
     below.plot(at, alpha - true, color=BLUE, rasterized=True, **style)
     below.axhline(0, color="black", lw=0.6)

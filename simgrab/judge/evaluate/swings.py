@@ -54,9 +54,8 @@ def angles(estimated: Array, true: Array, rope: Array, weather: Sequence[str]) -
     }
 
 
-def coverage(measurements: Sequence[Measurement], true: Array) -> dict[str, Any]:
-    """Share of true angles within their intervals, and these intervals' mean width in degrees."""
-    ends = np.array([(m.alpha_low, m.alpha_high) for m in measurements], float).reshape(-1, 2)  # None becomes NaN
+def coverage(ends: Array, true: Array) -> dict[str, Any]:
+    """Share of true angles (n,), rad, within their intervals (n, 2), and these intervals' mean width in degrees."""
     known = np.isfinite(ends).all(axis=-1) & np.isfinite(true)
     if not known.any():
         return {"frames": 0, "share": None, "width_deg": None}

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from simgrab.instrument.run.table import number, percent
+
 
 @dataclass(frozen=True)
 class TextTable:
@@ -40,17 +42,17 @@ def _of_detection(f: Mapping[str, Any] | None) -> TextTable | None:
     low, high = f["recall_interval"] or (None, None)
     recall = f["recall"]
     rows = (
-        ("COCO mAP@50:95", text(f["map50_95"])),
+        ("COCO mAP@50:95", number(f["map50_95"])),
         (
             f"recall of {f['labelled']} frames with a grab",
-            "" if recall is None else f"{text(recall, 4)} ({text(low, 4)} to {text(high, 4)})",
+            "" if recall is None else f"{number(recall, 4)} ({number(low, 4)} to {number(high, 4)})",
         ),
-        ("most missed in a row", text(f["longest_miss"], 0)),
-        (f"boxes on {f['empty']} frames without one", text(f["false_boxes"], 0)),
-        ("centre error, median (px)", text(centre.get("median_px"), 2)),
-        ("centre error, 95 % (px)", text(centre.get("p95_px"), 2)),
+        ("most missed in a row", number(f["longest_miss"], 0)),
+        (f"boxes on {f['empty']} frames without one", number(f["false_boxes"], 0)),
+        ("centre error, median (px)", number(centre.get("median_px"), 2)),
+        ("centre error, 95 % (px)", number(centre.get("p95_px"), 2)),
         ("centre bias u, v (px)", _several(centre.get("u_mean_px"), centre.get("v_mean_px"), digits=2)),
-        ("jitter (px)", text(f["jitter_px"], 2)),
+        ("jitter (px)", number(f["jitter_px"], 2)),
         ("coverage of the stated 95 % of the centre", percent(f["coverage"]["centre"])),
     )
     return TextTable("Detection", ("", ""), _known(rows))
@@ -86,7 +88,7 @@ def _of_angle(
     rows += [(name, *errors(e)) for name, e in f["by_weather"].items()]
     note = "No intervals were given."
     if interval["share"] is not None:
-        width = text(interval["width_deg"], 2)
+        width = number(interval["width_deg"], 2)
         note = f"95 % intervals cover the true α in {percent(interval['share'])}, at a mean width of {width}°."
     of_nothing = f"{without_grab} angles are of frames without a grab." if without_grab else ""
     notes = " ".join(filter(None, (note, of_nothing, run["still"], run["matched"])))
@@ -106,7 +108,7 @@ def _of_alarm(f: Mapping[str, Any] | None) -> TextTable | None:
         ("median delay, and each (frames)", delay),
         (
             "frames beyond 10°: precision, recall",
-            f"{text(f['precision']) or 'no alarm'}, {text(f['recall']) or 'no such frame'}",
+            f"{number(f['precision']) or 'no alarm'}, {number(f['recall']) or 'no such frame'}",
         ),
     )
     return TextTable("Alarms", ("", ""), rows)
@@ -118,15 +120,15 @@ def _of_warning(f: Mapping[str, Any] | None) -> TextTable | None:
     rows = (
         ("true swings beyond 10.5°, events", str(f["events"])),
         ("of these without a warning, and with a late one", f"{f['missed']}, {f['late']}"),
-        ("median lead (s)", text(f["lead_s"], 1)),
+        ("median lead (s)", number(f["lead_s"], 1)),
         ("warnings", str(f["reported"])),
-        ("of these false, and per hour", f"{f['false']}, {text(f['false_per_h'], 1)}"),
+        ("of these false, and per hour", f"{f['false']}, {number(f['false_per_h'], 1)}"),
         (f"reliability in {f['unsure']} frames between 5 % and 95 %", percent(f["reliability"])),
-        ("next peak, RMSE (deg)", text(f["peak_rmse_deg"], 2)),
-        ("if the last one persists", text(f["persist_rmse_deg"], 2)),
-        ("of an undamped pendulum from two frames", text(f["two_frames_rmse_deg"], 2)),
+        ("next peak, RMSE (deg)", number(f["peak_rmse_deg"], 2)),
+        ("if the last one persists", number(f["persist_rmse_deg"], 2)),
+        ("of an undamped pendulum from two frames", number(f["two_frames_rmse_deg"], 2)),
         ("coverage of its 95 % intervals", percent(f["peak_coverage"])),
-        ("mean width of these intervals (deg)", text(f["peak_width_deg"], 1)),
+        ("mean width of these intervals (deg)", number(f["peak_width_deg"], 1)),
     )
     return TextTable("Early warnings", ("", ""), _known(rows), "The lead is at most 6 s.")
 
@@ -139,7 +141,9 @@ def _of_budget(f: Mapping[str, Any] | None) -> TextTable | None:
         ("the paper's method: ", f["paper"]),
     )  # fmt: skip
     rows = [
-        (f"{prefix}{row['stage']}", *errors(row), text(row.get("beta_deg"))) for prefix, rows in groups for row in rows
+        (f"{prefix}{row['stage']}", *errors(row), number(row.get("beta_deg")))
+        for prefix, rows in groups
+        for row in rows
     ]
     return TextTable(
         f"Error budget of the swing angle, degrees ({f['estimator']})", ("oracle inputs", *ERRORS, "β̂"), tuple(rows),
@@ -156,19 +160,9 @@ def _known(rows: tuple[tuple[str, str], ...]) -> tuple[tuple[str, str], ...]:
 
 def _several(*values: Any, digits: int = 3) -> str:
     """Write numbers in a row; empty if one is missing."""
-    return "" if None in values else ", ".join(text(value, digits) for value in values)
+    return "" if None in values else ", ".join(number(value, digits) for value in values)
 
 
 def errors(e: Mapping[str, Any]) -> tuple[str, ...]:
     """Cells of a row of errors."""
-    return (str(e["frames"]), *(text(e[name]) for name in ("bias_deg", "rmse_deg", "p95_deg", "max_deg")))
-
-
-def text(value: Any, digits: int = 3) -> str:
-    """Write a number; empty for None."""
-    return "" if value is None else f"{value:.{digits}f}"
-
-
-def percent(value: Any, digits: int = 1) -> str:
-    """Write a share; empty for None."""
-    return "" if value is None else f"{100 * value:.{digits}f} %"
+    return (str(e["frames"]), *(number(e[name]) for name in ("bias_deg", "rmse_deg", "p95_deg", "max_deg")))

@@ -110,8 +110,7 @@ class ReadingScore(msgspec.Struct, frozen=True):
     digits_right, digits_refused : Share
         Right digits among digits that were read; refused digits among all.
     frames_right, frames_refused : Share
-        Frames with every read number right, among frames that were read; frames whose hoist rope was not read, among
-        all.
+        Frames with both numbers right, among frames without a refused digit; frames with one, among all.
     torn_right, torn_refused : Share
         Torn frames whose read numbers each belong to the text above or below; torn frames refused. The rest were read
         as a mixture.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from simgrab.instrument.alarm import DANGER, WARNING, Rule, events, warning
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.forecast import HORIZON_S
-from simgrab.judge.evaluate.swings import SURELY, meet, swings_in, true_events
+from simgrab.judge.evaluate.swings import SURELY, errors, meet, swings_in, true_events
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
 
 UNSURE = 0.05, 0.95  # forecasts between these count for reliability; most frames are far from danger
@@ -55,7 +55,7 @@ def score(times: Array, measurements: Sequence[Measurement], true: Array, rule: 
         "reported": len(raised), "false": false, "false_per_h": false / hours if hours else None,
         "leads": leads, "lead_s": float(np.median(leads)) if leads else None,
         "unsure": len(stated), "reliability": reliability(stated, happened),
-        **{f"{name}_rmse_deg": _rmse(guess[known] - due[known]) for name, guess in guesses.items()},
+        **{f"{name}_rmse_deg": errors(guess[known], due[known])["rmse_deg"] for name, guess in guesses.items()},
         "peak_coverage": float(np.mean((low <= due) & (due <= high), where=known)) if known.any() else None,
         "peak_width_deg": float(np.rad2deg(np.mean(high[known] - low[known]))) if known.any() else None,
     }  # fmt: skip
@@ -106,8 +106,3 @@ def reliability(chance: Array, happened: NDArray[np.bool_]) -> float | None:
     tenth = np.minimum((10 * chance).astype(int), 9)
     gap = np.bincount(tenth, happened - chance, minlength=10)
     return float(np.abs(gap).sum() / len(chance))
-
-
-def _rmse(error: Array) -> float | None:
-    error = error[np.isfinite(error)]
-    return float(np.rad2deg(np.sqrt(np.mean(error**2)))) if len(error) else None

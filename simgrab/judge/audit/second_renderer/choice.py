@@ -7,7 +7,6 @@ import platform
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 from simgrab.errors import RendererError
 from simgrab.judge.audit.second_renderer.embree_rays import EmbreeRays
@@ -16,21 +15,6 @@ from simgrab.judge.audit.second_renderer.pyrender_process import PyrenderProcess
 from simgrab.world.gl import PYOPENGL_HINT
 
 RENDERERS: tuple[type[SecondRenderer], ...] = (PyrenderProcess, EmbreeRays)  # the first that works is used
-
-
-@dataclass(frozen=True, eq=False)
-class OpenedRenderer:
-    """A second renderer that works.
-
-    Attributes
-    ----------
-    renderer : SecondRenderer
-    note : str
-        Its name, and why a preferred renderer that is installed was not used.
-    """
-
-    renderer: SecondRenderer
-    note: str
 
 
 def embree_has_wheels() -> bool:
@@ -48,8 +32,10 @@ def install_hint() -> str:
 
 
 @contextmanager
-def open_second_renderer() -> Iterator[OpenedRenderer]:
+def open_second_renderer() -> Iterator[tuple[SecondRenderer, str]]:
     """Open the first of `RENDERERS` that is installed and works; close it afterwards.
+
+    With it comes a note: its name, and why a preferred renderer that is installed was not used.
 
     Raises
     ------
@@ -66,7 +52,7 @@ def open_second_renderer() -> Iterator[OpenedRenderer]:
             problems.append(f"{kind.package} cannot start ({' '.join(str(problem.args[0]).split())})")
             continue
         try:
-            yield OpenedRenderer(renderer, "; ".join([renderer.name, *problems]))
+            yield renderer, "; ".join([renderer.name, *problems])
         finally:
             renderer.close()
         return

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import RendererError
-from simgrab.judge.audit.second_renderer.interface import Array, Shapes
+from simgrab.judge.audit.second_renderer.interface import Shapes
+from simgrab.model.geometry import Array
 from simgrab.world.camera.lens import Window
 
 RAYS_AT_ONCE = 1 << 19  # 28 bytes each

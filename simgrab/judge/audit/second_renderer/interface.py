@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.model.geometry import Array
 from simgrab.world.camera.lens import Window
 
-Array = NDArray[np.float64]
 Shapes = Mapping[str, tuple[Array, NDArray[np.int64]]]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.errors import RendererError, WorkerError
-from simgrab.judge.audit.second_renderer.interface import Array, Shapes
+from simgrab.judge.audit.second_renderer.interface import Shapes
+from simgrab.model.geometry import Array
 from simgrab.runtime.processes import Pool
 from simgrab.world.camera.lens import Window
 
@@ -27,27 +28,27 @@ class PyrenderProcess:
 
     def __init__(self) -> None:
         self._pool = Pool(1, setup=functools.partial(_start, {}))
-        self._ask(_load, {})
+        self._ask("load", {})
         self.name = f"pyrender {version('pyrender')}"
 
     def load(self, shapes: Shapes) -> None:
         """Replace the shapes; see `SecondRenderer.load`."""
         self._pool.setup = functools.partial(_start, dict(shapes))  # of a process in place of one that died
-        self._ask(_load, dict(shapes))
+        self._ask("load", dict(shapes))
 
     def silhouette(
         self, camera_from_shape: Mapping[str, Array], f: float, cx: float, cy: float, window: Window, supersampling: int
     ) -> NDArray[np.bool_]:
         """Render a silhouette; see `SecondRenderer.silhouette`."""
-        return self._ask(_render, dict(camera_from_shape), f, cx, cy, window, supersampling)
+        return self._ask("render", dict(camera_from_shape), f, cx, cy, window, supersampling)
 
     def close(self) -> None:
         """End the process."""
         self._pool.close()
 
-    def _ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def _ask(self, method: str, *arguments: Any) -> Any:
         try:
-            (answer,) = self._pool.map(functools.partial(_call, function), [arguments], name=lambda _: "pyrender")
+            (answer,) = self._pool.map(functools.partial(_call, method), [arguments], name=lambda _: "pyrender")
         except WorkerError:
             self.close()
             raise RendererError("the process of pyrender ended unexpectedly") from None
@@ -60,8 +61,8 @@ class PyrenderProcess:
 _rasteriser: Any = None
 
 
-def _call(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-    return function(*arguments)
+def _call(method: str, arguments: tuple[Any, ...]) -> Any:
+    return getattr(_rasteriser, method)(*arguments)
 
 
 def _start(shapes: Shapes) -> None:
@@ -80,16 +81,6 @@ def _start(shapes: Shapes) -> None:
     except Exception as problem:  # whatever a missing library or driver makes it raise
         raise RendererError(f"{type(problem).__name__}: {problem}") from None
     _rasteriser.load(shapes)
-
-
-def _load(shapes: Shapes) -> None:
-    _rasteriser.load(shapes)
-
-
-def _render(
-    poses: dict[str, Array], f: float, cx: float, cy: float, window: Window, supersampling: int
-) -> NDArray[np.bool_]:
-    return _rasteriser.render(poses, f, cx, cy, window, supersampling)
 
 
 class _Rasteriser:
@@ -138,11 +129,11 @@ class _Rasteriser:
         return np.asarray(self._renderer.render(scene, flags=kind.DEPTH_ONLY | kind.SEG, seg_node_map=white) > 0)
 
 
-def projection(f: float, cx: float, cy: float, width: float, height: float, far_m: float = FAR_M) -> Array:
+def projection(f: float, cx: float, cy: float, width: float, height: float) -> Array:
     """OpenGL projection matrix of a pinhole whose picture is width × height px."""
     matrix = np.zeros((4, 4))
     matrix[0, 0], matrix[0, 2] = 2 * f / width, 1 - 2 * cx / width
     matrix[1, 1], matrix[1, 2] = 2 * f / height, 2 * cy / height - 1
-    matrix[2, 2], matrix[2, 3] = -(far_m + NEAR_M) / (far_m - NEAR_M), -2 * far_m * NEAR_M / (far_m - NEAR_M)
+    matrix[2, 2], matrix[2, 3] = -(FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
     matrix[3, 2] = -1
     return matrix
