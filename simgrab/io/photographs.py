@@ -7,6 +7,7 @@ bytes are kept in the process (`simgrab.io.models`).
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -51,7 +52,7 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     path, left = Path(path), MOST_BYTES
     if not is_dir(path, refuse):
         return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=left)}, refuse)
-    root, files = path.resolve(), dict[str, bytes]()
+    root, files = Path(os.path.realpath(path)), dict[str, bytes]()  # `Path.resolve` raises at a loop of links
     path = path if path.name not in ("", "..") else root
     if not path.name:
         raise refuse(f"{path} is the root of a disk; name a folder of photographs")
@@ -60,7 +61,7 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     except OSError as problem:
         raise refuse(f"{path}: cannot be listed ({first_line(problem)})") from None
     for file in listed:
-        if not file.resolve().is_relative_to(root):
+        if not Path(os.path.realpath(file)).is_relative_to(root):
             raise refuse(f"{file.name} is a link to a file outside {path.name}")
         if len(files) >= MOST_FILES:
             raise refuse(f"{path.name} has more than {MOST_FILES} photographs")
