@@ -167,7 +167,7 @@ class LabelledFrame(Labelled):
     @property
     def coded_mask(self) -> Coded | None:
         """Pixels of the visible grab as COCO's compressed run lengths; None unless ``labelled``."""
-        return self._files.mask(self.truth)
+        return self._files.mask(self.truth) if self.labelled else None
 
     @property
     def mask(self) -> NDArray[np.bool_] | None:

@@ -219,7 +219,7 @@ def _pictures(source: ExportSource, store: Store, *, kind: str = "", coco: bool 
 
         def add(frame: LabelledFrame) -> None:
             store.write(frame.truth.file, frame.content)
-            write(frame.truth, _mask(frame) if coco or kind == "seg" else None)
+            write(frame.truth, frame.coded_mask if coco or kind == "seg" else None)
 
         yield add
 
@@ -273,7 +273,7 @@ def _webdataset(source: ExportSource, store: Store) -> Iterator[Add]:
     frames: list[LabelledFrame] = []  # whose pictures are read when they are written
 
     def write() -> None:
-        packed = (Packed(frame.truth, _mask(frame), _files(frame)) for frame in frames)
+        packed = (Packed(frame.truth, frame.coded_mask, _files(frame)) for frame in frames)
         done.append(shards.write(store, len(done), packed, source.scenario, source.rendered_by))
         frames.clear()
 
@@ -297,7 +297,7 @@ def _simgrab(source: ExportSource, store: Store) -> Iterator[Add]:
         def add(frame: LabelledFrame) -> None:
             for name, data in _files(frame).items():
                 store.write(name, data)
-            write(frame.truth, _mask(frame))
+            write(frame.truth, frame.coded_mask)
 
         yield add
     tables.finish(store, source.contents, source.sensors)
@@ -362,11 +362,6 @@ def _hf_schema() -> pa.Schema:
     ]
     about = {"info": {"features": {"image": {"_type": "Image"}}}}
     return pa.schema(fields, metadata={"huggingface": json.dumps(about)})
-
-
-def _mask(frame: LabelledFrame) -> dict[str, Any] | None:
-    mask = frame.coded_mask if frame.labelled else None
-    return None if mask is None else {"size": list(mask.size), "counts": mask.counts}
 
 
 def _files(frame: LabelledFrame) -> dict[str, bytes]:

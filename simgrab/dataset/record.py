@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import msgspec
 
 from simgrab.errors import DatasetError, first_line
 from simgrab.io.journal import Journal
+from simgrab.model.masks import Coded
 from simgrab.model.truth import Row
 from simgrab.runtime.versions import Fingerprint
 
@@ -21,13 +21,13 @@ class FrameRecord(msgspec.Struct, frozen=True):
     Attributes
     ----------
     truth : Row
-    mask : dict
-        The visible grab in the whole picture, as COCO's compressed run lengths.
+    mask : Coded
+        The visible grab in the whole picture.
     rendered_by : Fingerprint
     """
 
     truth: Row
-    mask: dict[str, Any]
+    mask: Coded
     rendered_by: Fingerprint
 
 

@@ -30,6 +30,7 @@ from simgrab.io import parquet
 from simgrab.io.files import sha256
 from simgrab.io.journal import Journal
 from simgrab.io.stores import Store
+from simgrab.model.masks import Coded
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import Row
 from simgrab.runtime.versions import Fingerprint
@@ -131,7 +132,7 @@ class Packed(NamedTuple):
     """A frame in a shard: its row, its mask if detection labels contain a box, and its files by name."""
 
     row: Row
-    mask: dict[str, Any] | None
+    mask: Coded | None
     files: dict[str, bytes]
 
 
@@ -151,7 +152,7 @@ def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenari
             for file, data in files.items():
                 spot = writers[name].add(_member(file), data)
                 if file == row.file:
-                    rows.append((row, Place(name, *spot, mask["counts"] if mask else None)))
+                    rows.append((row, Place(name, *spot, mask.counts if mask else None)))
         for name, writer in writers.items():
             archives[name] = writer.close()
     labels = _labels(rows, ShardMetadata(scenario.digest(), rendered_by, dict(sorted(archives.items()))))

@@ -29,6 +29,7 @@ from simgrab.io import models
 from simgrab.io.stores import Store
 from simgrab.model import label_arrays as arrays
 from simgrab.model.calibration import Calibration
+from simgrab.model.masks import Coded
 from simgrab.model.records.frame_files import LABELS
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
@@ -82,12 +83,6 @@ def is_labelled(row: Row, scenario: Scenario) -> bool:
     return arrays.is_labelled(row, scenario.labels.least_visible_fraction)
 
 
-def _box(row: Row) -> tuple[int, int, int, int]:
-    box = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
-    assert None not in box
-    return box  # type: ignore[return-value]
-
-
 class Metadata:
     """``metadata.csv`` of one split, as Hugging Face's ``imagefolder`` reads it: ``file_name`` and numbers.
 
@@ -138,16 +133,18 @@ def _numbers() -> dict[str, bool]:
     return {f.name: "None" in _kinds()[f.name] for f in labels_schema() if f.type in numbers}
 
 
-def annotation(row: Row, mask: dict[str, Any]) -> dict[str, Any]:
-    """One frame's COCO annotation; ``mask`` is the visible grab, as COCO's compressed run lengths."""
-    x0, y0, x1, y1 = _box(row)
+def annotation(row: Row, mask: Coded) -> dict[str, Any]:
+    """One frame's COCO annotation; ``mask`` is the visible grab."""
+    box, segmentation = arrays.box(row), msgspec.structs.asdict(mask)
+    assert box is not None
+    x0, y0, x1, y1 = map(int, box)
     return {
         "id": row.frame + 1,
         "image_id": row.frame,
         "category_id": 1,
         "bbox": [x0, y0, x1 - x0, y1 - y0],
-        "area": int(coco_mask.area(mask)),
-        "segmentation": mask,
+        "area": int(coco_mask.area(segmentation)),
+        "segmentation": segmentation,
         "iscrowd": 0,
         "keypoints": row.keypoints,
         "num_keypoints": sum(v > 0 for v in row.keypoints[2::3]),
@@ -174,7 +171,7 @@ class Coco:
         info = {"description": f"simgrab {scenario.name}: {scenario.description}", "version": scenario.digest()[:16]}
         file.write(json.dumps({"info": info, "licenses": []})[:-1] + ', "images": [')
 
-    def add(self, row: Row, mask: dict[str, Any] | None) -> None:
+    def add(self, row: Row, mask: Coded | None) -> None:
         """Write a frame, and its annotation where detection labels hold a box."""
         image = {"id": row.frame, "file_name": row.file, "width": row.width_px, "height": row.height_px}
         self._file.write(", " * (self._images > 0) + json.dumps(image))
@@ -228,8 +225,8 @@ class LabelWriter:
         self._writer.close()
 
 
-Add = Callable[[Row, dict[str, Any] | None], None]
-"""Takes a row, and the visible grab as COCO's compressed run lengths where it is labelled."""
+Add = Callable[[Row, Coded | None], None]
+"""Takes a row, and the mask of the visible grab where it is labelled."""
 Writing = Callable[[str], AbstractContextManager[Path]]
 """Gives a path to write to for a file of the dataset, which takes its name when the context is left."""
 
@@ -287,7 +284,7 @@ def tables_of(
         instances = {split: stack.enter_context(closing(Coco(text(coco_name(split)), scenario))) for split in coco}
         tables: dict[str, Metadata | None] = {}
 
-        def add(row: Row, mask: dict[str, Any] | None) -> None:
+        def add(row: Row, mask: Coded | None) -> None:
             labels.add(msgspec.structs.asdict(row))
             if row.split in instances:
                 instances[row.split].add(row, mask)

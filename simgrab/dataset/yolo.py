@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import msgspec
@@ -18,12 +18,11 @@ from simgrab.dataset.summary import least_visible
 from simgrab.io.stores import Store
 from simgrab.model import label_arrays as arrays
 from simgrab.model.geometry import Array
+from simgrab.model.masks import Coded
 from simgrab.model.records import frame_files
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row
 
-Mask = dict[str, Any]
-"""The visible grab as COCO's compressed run lengths."""
 INSET = 4e-7
 """Share of the picture by which polygons lie within their pixels: readers that round down in 32 bits get these."""
 _NEEDED = ("train", "val")
@@ -42,26 +41,26 @@ class YoloKind(NamedTuple):
         Decimals of the numbers.
     """
 
-    values: Callable[[Row, Array, Mask | None], Array]
+    values: Callable[[Row, Array, Coded | None], Array]
     yaml: tuple[str, ...] = ()
     digits: int = 10
 
 
-def _box(row: Row, box: Array, _mask: Mask | None) -> Array:
+def _box(row: Row, box: Array, _mask: Coded | None) -> Array:
     return (np.array([(box[:2] + box[2:]) / 2, box[2:] - box[:2]]) / _size(row)).ravel()
 
 
-def _pose(row: Row, box: Array, _mask: Mask | None) -> Array:
+def _pose(row: Row, box: Array, _mask: Coded | None) -> Array:
     points = np.reshape(row.keypoints, (-1, 3)) / (*_size(row), 1)
     return np.concatenate([_box(row, box, None), points.ravel()])
 
 
-def _polygon(row: Row, box: Array, mask: Mask | None) -> Array:
+def _polygon(row: Row, box: Array, mask: Coded | None) -> Array:
     assert mask is not None
-    return (outline(np.asarray(coco_mask.decode(mask)), *map(int, box)) / _size(row)).ravel()
+    return (outline(np.asarray(coco_mask.decode(msgspec.structs.asdict(mask))), *map(int, box)) / _size(row)).ravel()
 
 
-def _oriented(row: Row, box: Array, _mask: Mask | None) -> Array:
+def _oriented(row: Row, box: Array, _mask: Coded | None) -> Array:
     """Corners of the whole silhouette's oriented box; of the visible box where one of them is not in the picture."""
     corners = _corners(row)
     return (box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2) / _size(row)).ravel() if corners is None else corners.ravel()
@@ -115,13 +114,13 @@ def name(row: Row) -> str:
     return f"labels/{row.split}/{row.frame:06d}.txt"
 
 
-def label(row: Row, mask: Mask | None, scenario: Scenario, kind: str) -> bytes:
+def label(row: Row, mask: Coded | None, scenario: Scenario, kind: str) -> bytes:
     """One frame's label file: a line of the class and shares of the picture, or nothing.
 
     Parameters
     ----------
     row : Row
-    mask : dict, optional
+    mask : Coded, optional
         Needed for polygons of a labelled row.
     scenario : Scenario
     kind : str

@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from simgrab.dataset import datasets
 from simgrab.dataset.datasets import MANIFEST, Dataset, FolderFiles, FolderRows
+from simgrab.dataset.record import MOST_RECORD_BYTES, FrameRecord
 from simgrab.dataset.tables import labels_schema, table_of
 from simgrab.errors import DatasetError, first_line
 from simgrab.io.parse import is_dir, is_file, read_bytes, read_json
@@ -26,7 +27,6 @@ PARTIAL = ".partial"
 VARIED = "varied."
 SHOWN = ("alpha_deg", "rope_length_m", "visible_fraction", "distance_m", "split", "labelled")
 _FACTORS = ("weather", "place", "grab")
-_MOST_RECORD_BYTES = 2**24
 
 
 def open(path: Path) -> Subject:
@@ -72,13 +72,6 @@ def read(path: Path) -> tuple[FolderRows, Dataset, tuple[str, ...]]:
     return labels, datasets.of_rows(Store(str(path)), known, digest, labels), notes
 
 
-class _Record(msgspec.Struct, frozen=True):
-    """What is stored of a finished frame of an unfinished dataset."""
-
-    truth: Row
-    mask: Coded
-
-
 def _unfinished(path: Path) -> Subject:
     """Read the frames that are finished; a record that is damaged is left out and counted."""
     identity = read_json(path / PARTIAL / "identity.json", DatasetError)
@@ -90,7 +83,7 @@ def _unfinished(path: Path) -> Subject:
     rows, masks, damaged = list[Row](), dict[int, Coded](), 0
     for record in sorted((path / PARTIAL / "rows").glob("*.json")):
         try:
-            one = msgspec.json.decode(read_bytes(record, DatasetError, most_bytes=_MOST_RECORD_BYTES), type=_Record)
+            one = msgspec.json.decode(read_bytes(record, DatasetError, most_bytes=MOST_RECORD_BYTES), type=FrameRecord)
         except (ValueError, RecursionError, DatasetError):
             damaged += 1
         else:
