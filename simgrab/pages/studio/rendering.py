@@ -12,13 +12,13 @@ from typing import Any, Generic, TypeVar
 import cv2
 import msgspec
 
-from simgrab.dataset import overlay
 from simgrab.dataset.stored import encoded
 from simgrab.errors import ScenarioError, SimgrabError
 from simgrab.io import pictures
+from simgrab.model.label_arrays import vertical
 from simgrab.model.scenario import Iid, Scenario, resized
 from simgrab.model.truth import Truth
-from simgrab.pages.outlines import outline
+from simgrab.pages.outlines import marks, outline
 from simgrab.pages.studio.turns import Turns
 from simgrab.world.frames import Frame, FrameGenerator
 
@@ -201,7 +201,7 @@ def _about(wish: Wish, frame: Frame) -> dict[str, Any]:
     span = scenario.span(clip)
     return {
         "frame": wish.frame, "width": truth.width_px, "height": truth.height_px,
-        "truth": overlay.marks(truth, outline(frame.mask, _OUTLINE_WIDTH_PX)) | _geometry(truth),
+        "truth": marks(truth, outline(frame.mask, _OUTLINE_WIDTH_PX)) | _geometry(truth),
         "values": {name: getattr(truth, name) for name in _VALUES},
         "frames": scenario.frames, "clip": clip, "span": (span.start, span.stop),
         "timed": not isinstance(scenario.swing, Iid), "rate": scenario.clip.frame_rate_hz,
@@ -212,8 +212,8 @@ def _geometry(truth: Truth) -> dict[str, Any]:
     """Give C', G' and the image of the grab centre; None where the picture has none."""
     u, v = (math.nan if value is None else value for value in (truth.grab_u_px, truth.grab_v_px))
     points: dict[str, Iterable[float]] = {
-        "principal": overlay.principal(truth),
-        "vertical": overlay.vertical(truth),
+        "principal": (truth.cx_px, truth.cy_px),
+        "vertical": vertical(truth),
         "centre": (u, v),
     }
     plain = {name: tuple(float(one) for one in point) for name, point in points.items()}
