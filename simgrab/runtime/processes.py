@@ -429,8 +429,8 @@ def set_up(setup: Callable[[], None] | None) -> BaseException | None:
 
 def _answer(data: bytes) -> bytes:
     try:
-        work, item = ForkingPickler.loads(data)
-        return bytes(ForkingPickler.dumps((DONE, work(item))))
+        work, item = unpickled(data)
+        return pickled((DONE, work(item)))
     except _Ended:
         raise
     except BaseException as problem:
@@ -438,14 +438,14 @@ def _answer(data: bytes) -> bytes:
 
 
 def _refusal(problem: BaseException) -> bytes:
-    return bytes(ForkingPickler.dumps((RAISED, portable(problem))))
+    return pickled((RAISED, portable(problem)))
 
 
 def portable(problem: BaseException) -> tuple[BaseException, str]:
     """Return a picklable form of an error, with its traceback as text; if it cannot be pickled, its text alone."""
     where = "".join(traceback.format_exception(problem))
     try:
-        ForkingPickler.loads(ForkingPickler.dumps(problem))
+        unpickled(pickled(problem))
     except Exception:
         problem = RuntimeError(f"{type(problem).__name__}: {problem}")
     return problem, where
