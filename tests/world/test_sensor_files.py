@@ -180,7 +180,7 @@ def test_bytes_are_the_same_in_shards(rendered, scene, tmp_path):
 )
 def test_every_description_is_yaml_of_numbers(sensor):
     pose = np.diag([1.0, 1.0, 1e-7, 1.0]) if isinstance(sensor, Imu | Inclinometer) else None
-    about = yaml.safe_load(sensor_files.yaml(sensor, pose))
+    about = yaml.safe_load(sensor_files.describe(sensor, pose))
     assert about["rate_hz"] == sensor.rate_hz
     numbers = [value for name, value in about.items() if name not in ("sensor_type", "comment", "T_BS")]
     assert {type(value) for value in numbers} == {float}
