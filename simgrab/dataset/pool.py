@@ -8,7 +8,6 @@ import itertools
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
 import cv2
@@ -241,7 +240,7 @@ def fill(
     """
     if not output.check(resume=resume):
         return 0
-    with Workers(recipe, min(workers, output.most), cluster) as processes:
+    with contextlib.closing(Workers(recipe, min(workers, output.most), cluster)) as processes:
         if not output.begun:
             if not recipe.varies:  # its plan then serves `before` too
                 processes.known = vetted(processes)
@@ -261,7 +260,7 @@ def fill(
 
 
 class Workers:
-    """Make frames of one recipe in this process, in several, or on a cluster. Use as a context manager.
+    """Make frames of one recipe in this process, in several, or on a cluster; `close` ends them.
 
     Each process of this machine has a frame generator, which lasts from one `map` to the next.
 
@@ -289,12 +288,6 @@ class Workers:
     def alone(self) -> bool:
         """Whether this process makes the frames."""
         return self.count == 1 and self.cluster is None
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the processes, and free OpenGL."""
