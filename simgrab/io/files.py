@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import functools
 import glob
 import hashlib
 import os
@@ -35,7 +36,7 @@ def drafted(path: Path) -> Iterator[Path]:
     OSError
         If it cannot be written.
     """
-    with _draft(path, _new_file) as draft:
+    with _draft(path, functools.partial(Path.touch, exist_ok=False)) as draft:
         yield draft
         _to_disk(draft)
         draft.replace(path)
@@ -161,10 +162,6 @@ def _draft(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
                 pass
             break
         yield draft
-
-
-def _new_file(path: Path) -> None:
-    path.touch(exist_ok=False)
 
 
 @contextlib.contextmanager

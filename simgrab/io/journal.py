@@ -56,9 +56,9 @@ class Journal:
     name: str = ""
 
     @classmethod
-    def of(cls, path: Path, **changes: Any) -> Journal:
-        """Keep the journal of a result in a folder."""
-        return cls(Store(str(path), drafts=PARTIAL), **changes)
+    def of(cls, path: Path) -> Journal:
+        """Keep the journal of a dataset in a folder."""
+        return cls(Store(str(path), drafts=PARTIAL))
 
     @property
     def folder(self) -> Path:

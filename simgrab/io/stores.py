@@ -154,8 +154,10 @@ class Store:
             If it is missing, or longer than ``most_bytes``.
         """
         start, end = span or (0, None)
-        if span is None and (found := self._size(name)) > most_bytes:
-            raise self.refuse(f"{self.place}: {name} has {found} bytes; the limit is {most_bytes}")
+        if span is None:
+            found = int(self._tried(f"read {name} of", lambda: self._opened[0].info(self._path(name)))["size"])
+            if found > most_bytes:
+                raise self.refuse(f"{self.place}: {name} has {found} bytes; the limit is {most_bytes}")
 
         def attempt() -> bytes:
             return bytes(self._opened[0].cat_file(self._path(name), start=start, end=end))
@@ -164,9 +166,6 @@ class Store:
         if span is not None and len(data) != span[1] - span[0]:
             raise self.refuse(f"{self.place}: {name} is cut off")
         return data
-
-    def _size(self, name: str) -> int:
-        return int(self._tried(f"read {name} of", lambda: self._opened[0].info(self._path(name)))["size"])
 
     def sha256(self, name: str) -> str:
         """SHA-256 of a file."""
