@@ -69,12 +69,7 @@ class BoxDataset:
 
 
 def parse(path: Path) -> BoxDataset:
-    """Parse a folder, a ``data.yaml`` or a COCO file. A folder with a ``data.yaml`` is YOLO's.
-
-    Raises
-    ------
-    DatasetError
-    """
+    """Parse a folder, a ``data.yaml`` or a COCO file. A folder with a ``data.yaml`` is YOLO's."""
     if path.suffix.lower() == ".json":
         return _coco(path.parent.parent if path.parent.name == "annotations" else path.parent, [path])
     if path.suffix.lower() in (".yaml", ".yml"):

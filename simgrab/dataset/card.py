@@ -37,15 +37,8 @@ _LAYOUTS = {
 def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> bytes:
     """Compose the card, with the front matter that dataset hubs read.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    core : dict
-        See `simgrab.dataset.manifest.identity`.
-    tally : Tally
-        Of all frames.
-    layout : str
-        A format of `simgrab.dataset.export`.
+    ``core`` is `simgrab.dataset.manifest.identity`, ``tally`` of all frames, and ``layout`` a format of
+    `simgrab.dataset.export`.
     """
     frames, counts = sum(tally.splits), {name: n for name, n in zip(SPLITS, tally.splits, strict=True) if n}
     pattern, loading = _LAYOUTS[layout.partition("-")[0]]

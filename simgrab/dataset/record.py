@@ -16,15 +16,7 @@ MOST_RECORD_BYTES = 2**24
 
 
 class FrameRecord(msgspec.Struct, frozen=True):
-    """Labels and mask of a stored frame.
-
-    Attributes
-    ----------
-    truth : Row
-    mask : Coded
-        The visible grab in the whole picture.
-    rendered_by : Fingerprint
-    """
+    """Labels, and the mask of the visible grab in the whole picture, of a stored frame."""
 
     truth: Row
     mask: Coded

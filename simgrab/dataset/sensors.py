@@ -46,20 +46,9 @@ def memory_bytes(scenario: Scenario) -> int:
 
 
 def write(recipe: Recipe, writing: Writing, recorded: Callable[[], None] = lambda: None) -> list[str]:
-    """Write the files of all clips, one clip after another.
+    """Write the files of all clips, one clip after another, and return their names.
 
-    Parameters
-    ----------
-    recipe : Recipe
-    writing : callable
-        See `simgrab.dataset.tables.Writing`.
-    recorded : callable, optional
-        Called whenever some seconds of a sensor are recorded.
-
-    Returns
-    -------
-    list of str
-        Names of the files.
+    ``recorded`` is called whenever some seconds of a sensor are recorded.
     """
     scenario = recipe.scenario
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):

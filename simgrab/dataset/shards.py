@@ -42,16 +42,7 @@ _ABOUT = "simgrab_shard"  # key of the labels' metadata
 
 
 class ShardMetadata(msgspec.Struct, frozen=True):
-    """Description of a shard in the metadata of its labels.
-
-    Attributes
-    ----------
-    digest : str
-        Digest of the scenario.
-    rendered_by : Fingerprint
-    archives : dict of str to (int, str)
-        Size in bytes and SHA-256 of each archive, by name.
-    """
+    """Description of a shard in the metadata of its labels; ``archives`` have sizes in bytes and SHA-256."""
 
     digest: str
     rendered_by: Fingerprint
@@ -59,15 +50,7 @@ class ShardMetadata(msgspec.Struct, frozen=True):
 
 
 class Done(msgspec.Struct, frozen=True):
-    """Result of making a shard, as a process returns it.
-
-    Attributes
-    ----------
-    number : int
-    labels_sha256 : str
-    rendered_by : Fingerprint
-    tally : Tally
-    """
+    """Result of making a shard, as a process returns it."""
 
     number: int
     labels_sha256: str
@@ -165,18 +148,14 @@ def finish(
     store: Store, core: dict[str, Any], frames: int, done: Sequence[Done], scenario: Scenario,
     rendered_by: Fingerprint, written: dict[str, str],
 ) -> None:  # fmt: skip
-    """Write the files that depend on all shards, given the frames of each; the manifest comes last.
+    """Write the files that depend on all shards, given the number of frames of each; the manifest comes last.
 
     Parameters
     ----------
-    store : Store
     core : dict
         See `simgrab.dataset.manifest.identity`.
-    frames : int
     done : sequence of Done
         All shards, by number.
-    scenario : Scenario
-    rendered_by : Fingerprint
     written : dict of str to str
         SHA-256 of the other files written, by name.
     """

@@ -88,11 +88,6 @@ class Metadata:
 
     Its columns are the numbers and truth values of ``labels.parquet``. In a column where numbers may be missing, whole
     numbers are written as ``3.0``, so that readers infer the same type for every split.
-
-    Parameters
-    ----------
-    file : text file
-        To write to.
     """
 
     def __init__(self, file: TextIO) -> None:
@@ -156,12 +151,6 @@ class Coco:
 
     Boxes and masks are of the visible grab; keypoints keep simgrab's pixel convention, (0, 0) being the corner of
     the top-left pixel.
-
-    Parameters
-    ----------
-    file : text file
-        To write to.
-    scenario : Scenario
     """
 
     def __init__(self, file: TextIO, scenario: Scenario) -> None:
@@ -191,17 +180,7 @@ class Coco:
 
 
 class LabelWriter:
-    """``labels.parquet``, or a table of the same columns and more.
-
-    Parameters
-    ----------
-    file : binary file
-        To write to.
-    schema : pyarrow.Schema
-        Its metadata is the file's.
-    group_rows : int
-        Rows of a row group; a group is kept in memory.
-    """
+    """``labels.parquet``, or a table of the same columns and more; a row group of ``group_rows`` is kept in memory."""
 
     def __init__(self, file: BinaryIO, schema: pa.Schema, group_rows: int = _GROUP_ROWS) -> None:
         self._group_rows = group_rows
@@ -257,20 +236,14 @@ def tables_of(
 
     Parameters
     ----------
-    store : Store
     core : dict
         The dataset's identity, which is kept in ``labels.parquet`` under the schema key ``simgrab``.
-    scenario : Scenario
     kind : str, optional
         Kind of YOLO's label files, beside which ``data.yaml`` is written; the scenario's unless given, none if empty.
     coco : collection of str
         Splits that get a COCO file.
     metadata : bool
         Whether splits get a ``metadata.csv``.
-
-    Yields
-    ------
-    Add
     """
     kind = scenario.labels.yolo if kind is None else kind
     with ExitStack() as stack:
@@ -308,8 +281,6 @@ class Contents:
     ----------
     core : dict
         See `simgrab.dataset.manifest.identity`.
-    scenario : Scenario
-    rendered_by : Fingerprint
     tiles : iterable of (ndarray, Row)
         Frames of the contact sheet, BGR.
     tally : Tally
@@ -338,12 +309,7 @@ def finish(store: Store, contents: Contents, digests: dict[str, str]) -> None:
 def describe(store: Store, contents: Contents, digests: dict[str, str]) -> None:
     """Write the contact sheet, the camera file, copies of users' own grabs, the card, and the manifest, which is last.
 
-    Parameters
-    ----------
-    store : Store
-    contents : Contents
-    digests : dict of str to str
-        SHA-256 of other files by name. The manifest has none of the card, which may be edited.
+    ``digests`` are the SHA-256 of other files by name. The manifest has none of the card, which may be edited.
     """
     core, scenario = contents.core, contents.scenario
     files = {preview.NAME: preview.of(contents.tiles)} | beside(scenario)

@@ -29,17 +29,7 @@ _NEEDED = ("train", "val")
 
 
 class YoloKind(NamedTuple):
-    """A kind of label files.
-
-    Attributes
-    ----------
-    values : callable
-        Gives the numbers after the class, of a labelled row, its visible box and its mask.
-    yaml : tuple of str
-        Lines of ``data.yaml`` besides those of all kinds.
-    digits : int
-        Decimals of the numbers.
-    """
+    """A kind of label files: numbers after the class, lines of ``data.yaml`` besides those of all, and decimals."""
 
     values: Callable[[Row, Array, Coded | None], Array]
     yaml: tuple[str, ...] = ()
@@ -117,14 +107,7 @@ def name(row: Row) -> str:
 def label(row: Row, mask: Coded | None, scenario: Scenario, kind: str) -> bytes:
     """One frame's label file: a line of the class and shares of the picture, or nothing.
 
-    Parameters
-    ----------
-    row : Row
-    mask : Coded, optional
-        Needed for polygons of a labelled row.
-    scenario : Scenario
-    kind : str
-        One of `KINDS`.
+    ``kind`` is one of `KINDS`. The mask is needed for polygons of a labelled row.
     """
     box = arrays.box(row)
     if box is None or not arrays.is_labelled(row, scenario.labels.least_visible_fraction):

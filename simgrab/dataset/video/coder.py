@@ -78,14 +78,7 @@ class Coder:
             self._file.close()
 
     def send(self, rgb: NDArray[np.uint8], pts: int) -> None:
-        """Encode a picture.
-
-        Parameters
-        ----------
-        rgb : ndarray of uint8, shape (height, width, 3)
-        pts : int
-            Presentation time, ticks; it must exceed the previous picture's.
-        """
+        """Encode a picture, shape (height, width, 3), at a time in ticks that exceeds the previous one's."""
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24").reformat(
             format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG, threads=1
         )

@@ -40,16 +40,10 @@ CONTAINERS = {".mp4": Container("mp4", 90_000), ".mkv": Container("matroska", 10
 
 @dataclass(frozen=True)
 class VideoFiles:
-    """The clips of a scenario on disk.
+    """The clips of a scenario on disk; ``core`` is `simgrab.dataset.manifest.identity`.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    core : dict
-        See `simgrab.dataset.manifest.identity`.
-    path : Path
-        The video, whose suffix selects the container. Where there are several clips each has its number in the
-        name: ``swing.mp4`` becomes ``swing-000.mp4`` and so on.
+    The suffix of ``path`` selects the container. Where there are several clips each has its number in the name:
+    ``swing.mp4`` becomes ``swing-000.mp4`` and so on.
     """
 
     scenario: Scenario

@@ -51,14 +51,8 @@ def render_video(
         Processes, each of which makes a clip at a time.
     resume : bool
         Go on where an interrupted run stopped; unfinished clips are rendered again.
-    progress : callable, optional
-        Called with (frames done, frames in all).
-    checking : callable, optional
-        Called before that, if there are many worlds, with (worlds found possible, worlds in all).
-    priced : callable, optional
-        Called before the first frame with an estimate of time and size, if there are many frames, and no cluster.
-    randomiser, trajectory, effects
-        Functions of yours, as `simgrab.frames` takes them; see `simgrab.render`.
+    progress, checking, priced, randomiser, trajectory, effects
+        As `simgrab.render` takes them.
 
     Returns
     -------
@@ -71,12 +65,8 @@ def render_video(
         then.
     DatasetError
         If the path is taken, or cannot be written.
-    RendererError
-        If there is no offscreen OpenGL.
-    ExtensionError
-        If a function of yours cannot be found, raises, or returns impossible values.
-    WorkerError
-        If worker processes die repeatedly at one frame or clip.
+    RendererError, ExtensionError, WorkerError
+        As by `simgrab.render`.
     """
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
     if recipe.scenario.sensors:
@@ -126,14 +116,7 @@ class Clips:
 
 @dataclass(frozen=True)
 class ClipWork:
-    """Work on one clip: encode it, and store its frames in a dataset, whichever is unfinished.
-
-    Parameters
-    ----------
-    videos : VideoFiles
-    journal : Journal or None
-        Journal of the dataset, if there is one.
-    """
+    """Work on one clip: encode it, and store its frames in the journal's dataset, whichever is unfinished."""
 
     videos: VideoFiles
     journal: Journal | None

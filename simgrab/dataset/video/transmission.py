@@ -39,14 +39,7 @@ class Slot:
 def slots(scenario: Scenario, clip: int, ticks_per_s: int) -> Iterator[Slot]:
     """Go through a clip in order; see `simgrab.model.scenario.Clip` for what the settings mean.
 
-    Time stamps increase: one that would precede the previous one is set to a tick after it.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    clip : int
-    ticks_per_s : int
-        Resolution of the stream's time stamps.
+    Time stamps, in ticks, increase: one that would precede the previous one is set to a tick after it.
 
     Examples
     --------
