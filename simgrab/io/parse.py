@@ -47,15 +47,9 @@ _KINDS = (
 
 
 def read_toml(path: str | Path, refuse: Refuse, kind: str = "") -> dict[str, Any]:
-    """Read a TOML file.
+    """Read a TOML file; ``refuse`` makes the error to raise from a line with file and reason.
 
-    Parameters
-    ----------
-    path : path
-    refuse : callable
-        Makes the error to raise from a line with file and reason.
-    kind : str
-        Name of this kind of file in messages, e.g. ``"camera file"``.
+    ``kind`` is the name of this kind of file in messages, e.g. ``"camera file"``.
     """
     text = read_text(path, refuse, kind, most_bytes=MOST_TOML_BYTES)
     return parse_toml(text, refuse, f"{cannot(path, kind)}: it is not valid TOML")

@@ -39,15 +39,10 @@ Picture = NDArray[np.uint8]
 
 
 def read(path: str | Path, refuse: Refuse) -> ModelFile:
-    """Read a photograph, a video, or a folder's photographs, and keep them for `simgrab.io.models.recall`.
+    """Read a photograph, a video, or the pictures of a folder, and keep them for `simgrab.io.models.recall`.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file, or a folder whose pictures are those that `simgrab.io.pictures.of` lists.
-    refuse : callable
-        Makes the error to raise from a message, for files that cannot be read or decoded, are larger than
-        `simgrab.io.models.MOST_BYTES` in total, or than `MOST_PIXELS` each.
+    ``refuse`` makes the error to raise from a message, for files that cannot be read or decoded, are larger than
+    `simgrab.io.models.MOST_BYTES` in total, or than `MOST_PIXELS` each.
     """
     path, left = Path(path), MOST_BYTES
     if not is_dir(path, refuse):
@@ -88,18 +83,7 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile
 
 
 class Sequence:
-    """The pictures of a model that `read` has read, by number.
-
-    Parameters
-    ----------
-    model : ModelFile
-    refuse : callable
-
-    Attributes
-    ----------
-    is_video : bool
-        Whether pictures follow each other in time.
-    """
+    """The pictures of a model that `read` has read, by number; those of a video follow each other in time."""
 
     def __init__(self, model: ModelFile, refuse: Refuse) -> None:
         self._model, self._refuse = model, refuse

@@ -148,10 +148,7 @@ class Store:
     def read(self, name: str, *, most_bytes: int, span: tuple[int, int] | None = None) -> bytes:
         """Read a file, or a span of its bytes (start included, end excluded).
 
-        Raises
-        ------
-        DatasetError
-            If it is missing, or longer than ``most_bytes``.
+        It is refused if it is missing, or longer than ``most_bytes``.
         """
         start, end = span or (0, None)
         if span is None:

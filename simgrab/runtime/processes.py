@@ -47,20 +47,7 @@ def unpickled(data: bytes) -> Any:
 
 @dataclass
 class Job(Generic[Item]):
-    """An item under way.
-
-    Attributes
-    ----------
-    name : str
-        Name of the item in messages.
-    item : Item
-    deaths : int
-        How many workers died at this item.
-    ticks, most_ticks : int
-        In this attempt, and in the longest one.
-    heard_s : float
-        When its worker was last heard of, by the monotonic clock.
-    """
+    """An item under way; ``heard_s`` is when its worker was last heard of, by the monotonic clock."""
 
     name: str
     item: Item
@@ -121,6 +108,8 @@ class Executor(ABC):
     ) -> Generator[T, None, None]:
         """Call ``work`` for each item, and yield the results in any order.
 
+        Errors of ``work`` are raised unchanged, and `WorkerError` if workers die at one item `ATTEMPTS` times.
+
         Parameters
         ----------
         work : callable
@@ -132,11 +121,6 @@ class Executor(ABC):
         ticked : callable, optional
             Called with the number of ticks so far. A repeated item counts the ticks of its longest attempt. All ticks
             of an item are counted before its result is yielded.
-
-        Raises
-        ------
-        WorkerError
-            If workers die at one item `ATTEMPTS` times. Errors of ``work`` are raised unchanged.
         """
         waiting, running, finished = deque[Job[Item]](), dict[Any, Job[Item]](), 0
         fresh = (Job(name(item) if name else f"item {number}", item) for number, item in enumerate(items, 1))
