@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -67,6 +68,15 @@ class _Automatic(click.ParamType):  # type: ignore[type-arg]  # generic from cli
 
 
 AUTO_WORKERS = _Automatic()
+
+
+class FiniteRange(click.FloatRange):
+    """A number in a range, in which click finds NaN as well."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Refuse NaN."""
+        number = float(super().convert(value, param, ctx))
+        return self.fail(f"{number} is not a number", param, ctx) if math.isnan(number) else number
 
 
 class EstimatorName(click.Choice):  # type: ignore[type-arg]  # generic from click 8.2 on
