@@ -104,7 +104,9 @@ _SKEW = 0.005  # of the image, by which rounding may bend a parallelogram
 
 def _yolo(root: Path, description: Path | None) -> BoxDataset:
     """Parse images with text labels. An image without a label file, or with an empty one, shows no class."""
-    about = {} if description is None else _description(description)
+    about: Any = {} if description is None else read_yaml(description, DatasetError, most_bytes=MOST_YAML_BYTES)
+    if not isinstance(about, dict):
+        raise DatasetError(f"{description}: keys such as train, val and names are needed")
     names, key_points = _names(about, description), _key_points(about, description)
     files = _listed(root, about, description) if description else _found(root, root)
     unique: dict[Path, str] = {}
@@ -132,13 +134,6 @@ def _yolo(root: Path, description: Path | None) -> BoxDataset:
     ]  # fmt: skip
     used = {name for some in lines.values() for name, _ in some}
     return BoxDataset(root, tuple(names.values()) if names else tuple(sorted(used)), tuple(images))
-
-
-def _description(path: Path) -> dict[str, Any]:
-    data = read_yaml(path, DatasetError, most_bytes=MOST_YAML_BYTES)
-    if not isinstance(data, dict):
-        raise DatasetError(f"{path}: keys such as train, val and names are needed")
-    return data
 
 
 def _names(about: Mapping[str, Any], path: Path | None) -> dict[int, str]:

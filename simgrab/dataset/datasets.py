@@ -51,15 +51,7 @@ class _Scenario(msgspec.Struct, frozen=True):
 
 
 class ShardCounts(msgspec.Struct, frozen=True):
-    """How a dataset is cut into shards.
-
-    Attributes
-    ----------
-    frames : int
-        Frames of each shard; the last one may have fewer.
-    splits : tuple of tuple of 3 int
-        Of each shard, its frames in train, val and test.
-    """
+    """How a dataset is cut into shards: frames of each but the last one, and the frames of each in its splits."""
 
     frames: Annotated[int, msgspec.Meta(ge=1, le=2**53)]
     splits: tuple[tuple[Count, Count, Count], ...]
@@ -81,16 +73,7 @@ class Manifest(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class DatasetIdentity:
-    """The name and digests of a dataset.
-
-    Attributes
-    ----------
-    scenario : str
-        Its name.
-    scenario_digest, labels_sha256 : str
-        Digest of the scenario, from the manifest, and SHA-256 of ``labels.parquet``.
-    seed, frames : int
-    """
+    """The name and digests of a dataset: of its scenario, from the manifest, and of ``labels.parquet``."""
 
     scenario: str
     scenario_digest: str
@@ -178,14 +161,7 @@ class LabelledFrame(Labelled):
 
 @dataclass(frozen=True)
 class FolderFiles:
-    """Pictures in files of a folder, and their masks; see `DatasetFiles`.
-
-    Attributes
-    ----------
-    folder : Path
-    coded : callable
-        Looks up a row's mask.
-    """
+    """Pictures in files of a folder, and what looks up a row's mask; see `DatasetFiles`."""
 
     folder: Path
     coded: Callable[[Row], Coded | None]
@@ -231,13 +207,7 @@ class RowStore(Protocol):
 
 @dataclass(frozen=True)
 class FolderRows:
-    """The table ``labels.parquet``, of which rows are made at each access, and files of a folder; see `RowStore`.
-
-    Attributes
-    ----------
-    table : pyarrow.Table
-    files : FolderFiles
-    """
+    """The table ``labels.parquet``, of which rows are made at each access, and files of a folder; see `RowStore`."""
 
     table: pa.Table
     files: FolderFiles = field(repr=False, compare=False)
@@ -429,13 +399,7 @@ def read_manifest(store: Store) -> Any:
 
 
 def read(path: str | Path) -> Dataset:
-    """Open a finished dataset in a folder; `simgrab.dataset.shard_reader.open` says how, and opens others too.
-
-    Raises
-    ------
-    DatasetError
-        If there is no dataset, or it is unfinished, empty, or lacks a picture.
-    """
+    """Open a finished dataset in a folder; `simgrab.dataset.shard_reader.open` says how, and opens others too."""
     path = Path(path)
     table, labels_sha256 = frame_files.read_labels(path)
     rows = frame_files.converted(table, Row, path)
@@ -468,12 +432,7 @@ def buffer_names(file: str) -> dict[str, str]:
 
 
 def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:
-    """Read datasets, and check that together they have frames in each of the splits.
-
-    Raises
-    ------
-    DatasetError
-    """
+    """Read datasets, and check that together they have frames in each of the splits."""
     if not paths:
         raise DatasetError("no dataset given")
     datasets = tuple(read(path) for path in paths)

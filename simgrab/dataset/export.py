@@ -44,14 +44,8 @@ _HF_GROUP_ROWS = 64  # pictures and all, in memory at once
 class ExportSource:
     """A dataset that is exported, and what its export is described by.
 
-    Attributes
-    ----------
-    dataset : Dataset
-    contents : Contents
-    shard_frames : int
-        Frames in each file that contains several.
-    sensors : dict of str to str
-        SHA-256 of its sensor files, by name. Every format includes these files.
+    ``shard_frames`` are those of each file that contains several. ``sensors`` are the SHA-256 of its sensor files by
+    name, which every format includes.
     """
 
     dataset: Dataset

@@ -59,14 +59,9 @@ class Done(msgspec.Struct, frozen=True):
 
 
 def frames_of(scenario: Scenario, frames: int | None, *, varies: bool) -> int:
-    """Frames of a shard: the requested number, but at most all frames.
+    """Frames of a shard: the requested number, but at most all frames; refuses a number below 1.
 
     They are rounded up to whole clips where worlds vary, and to all frames that share a draw.
-
-    Raises
-    ------
-    DatasetError
-        If the number is below 1.
     """
     wanted = FRAMES if frames is None else frames
     if wanted < 1:

@@ -13,16 +13,8 @@ from simgrab.model.scenario import Scenario
 class Slot:
     """One instant at which the camera takes a frame.
 
-    Attributes
-    ----------
-    frame : int
-        Index within the scenario.
-    time_s : float
-        Within the clip.
-    pts : int or None
-        Presentation time, in ticks of the stream; None if the frame is lost.
-    repeated : bool
-        Whether the previous picture is sent again instead of the frame.
+    ``pts`` is the presentation time in ticks of the stream, None if the frame is lost; ``repeated``: the previous
+    picture is sent again instead of the frame.
     """
 
     frame: int
