@@ -27,7 +27,7 @@ from simgrab.model import calibration
 from simgrab.model import label_arrays as labels
 from simgrab.model.calibration import Calibration
 from simgrab.model.label_arrays import Labelled
-from simgrab.model.masks import Coded, Masks, coco_file
+from simgrab.model.masks import Coded, Masks, coco_name
 from simgrab.model.records import frame_files
 from simgrab.model.records.frame_files import FrameFile
 from simgrab.model.truth import SPLITS, Row
@@ -187,7 +187,7 @@ class FolderFiles:
         return str(self.path(row))
 
     def mask_name(self, row: Row) -> str:  # noqa: D102
-        return str(coco_file(self.folder, row.split))
+        return str(self.folder / coco_name(row.split))
 
 
 class RowStore(Protocol):

@@ -29,7 +29,7 @@ from simgrab.io import models
 from simgrab.io.stores import Store
 from simgrab.model import label_arrays as arrays
 from simgrab.model.calibration import Calibration
-from simgrab.model.masks import Coded
+from simgrab.model.masks import Coded, coco_name
 from simgrab.model.records.frame_files import LABELS
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
@@ -109,11 +109,6 @@ def metadata(rows: Iterable[Row], split: str) -> bytes:
         if row.split == split:
             table.add(row)
     return text.getvalue().encode()
-
-
-def coco_name(split: str) -> str:
-    """Path of a split's COCO file in the dataset."""
-    return f"annotations/instances_{split}.json"
 
 
 def metadata_name(split: str) -> str:

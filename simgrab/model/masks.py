@@ -84,7 +84,7 @@ class Masks:
         DatasetError
             If the file cannot be read.
         """
-        file = coco_file(self._path, row.split)
+        file = self._path / coco_name(row.split)
         if row.split not in self._spans:
             self._spans[row.split] = _spans(file)
         if row.frame not in self._spans[row.split]:
@@ -96,9 +96,9 @@ class Masks:
         return _parsed(data, Coded, file)
 
 
-def coco_file(path: Path, split: str) -> Path:
-    """Path of the COCO file of one split of the dataset in a folder."""
-    return path / "annotations" / f"instances_{split}.json"
+def coco_name(split: str) -> str:
+    """Path of a split's COCO file in the dataset."""
+    return f"annotations/instances_{split}.json"
 
 
 def _spans(file: Path) -> _Spans:
