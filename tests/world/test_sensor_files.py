@@ -151,9 +151,7 @@ def test_exports_and_shards_carry_the_files(rendered, tmp_path):
     export(rendered, tmp_path / "shards", format="webdataset")
     assert sensor_digests(tmp_path / "shards") == sensor_digests(rendered)
     export(tmp_path / "shards", tmp_path / "back", format="simgrab")
-    files = {p.relative_to(rendered) for p in rendered.rglob("*") if p.is_file()}
-    assert files == {p.relative_to(tmp_path / "back") for p in (tmp_path / "back").rglob("*") if p.is_file()}
-    assert all((tmp_path / "back" / file).read_bytes() == (rendered / file).read_bytes() for file in files)
+    assert digests(tmp_path / "back") == digests(rendered)
     for format in ("yolo", "hf"):
         export(rendered, tmp_path / format, format=format)
         assert sensor_digests(tmp_path / format) == sensor_digests(rendered)

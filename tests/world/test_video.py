@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from conftest import SMALL, as_options, small_scene
+from conftest import SMALL, as_options, digests, small_scene
 
 import simgrab
 from simgrab.cli import cli
@@ -50,15 +50,6 @@ def decode(path):
 
 def table(path):
     return pq.read_table(path.with_suffix(".parquet")).to_pylist()
-
-
-def digests(folder, stem=""):
-    """Digest of every file, by what follows the stem in its name."""
-    return {
-        p.name.removeprefix(stem): hashlib.sha256(p.read_bytes()).hexdigest()
-        for p in folder.rglob("*")
-        if p.is_file() and p.name.startswith(stem)
-    }
 
 
 @pytest.fixture(scope="module")
