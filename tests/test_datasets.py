@@ -123,6 +123,20 @@ def test_a_label_that_cannot_be_is_refused_with_its_row(copy, column, value, mon
 
 
 @pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("simgrab", None), ("renderer", [1]), ("renderer", {"renderer": 1}), ("extensions", [1]), ("selection", 3),
+        ("files", {"labels.parquet": 3}),
+    ],
+)  # fmt: skip
+def test_a_manifest_that_cannot_be_is_refused_by_its_key(copy, key, value):
+    known = json.loads((copy / "manifest.json").read_bytes())
+    (copy / "manifest.json").write_text(json.dumps(known | {key: value}))
+    with pytest.raises(DatasetError, match=rf"not a simgrab dataset .*\$\.{key}"):
+        datasets.read(copy)
+
+
+@pytest.mark.parametrize(
     ("columns", "why"),
     [
         ({"frame": [0, 1, 1, 3, 4, 5]}, "frame 1 comes after frame 1; they must increase"),

@@ -31,6 +31,7 @@ from simgrab.model.masks import Coded, Masks, coco_name
 from simgrab.model.records import frame_files
 from simgrab.model.records.frame_files import FrameFile
 from simgrab.model.truth import SPLITS, Row
+from simgrab.runtime.versions import Fingerprint
 
 if TYPE_CHECKING:
     from simgrab.model.scenario import Scenario
@@ -57,12 +58,28 @@ class ShardCounts(msgspec.Struct, frozen=True):
     splits: tuple[tuple[Count, Count, Count], ...]
 
 
+class _Function(msgspec.Struct, frozen=True):
+    role: str
+
+
+class _Extensions(msgspec.Struct, frozen=True):
+    functions: tuple[_Function, ...] = ()
+
+
+class _Selection(msgspec.Struct, frozen=True):
+    of_frames: Count
+
+
 class Manifest(msgspec.Struct, frozen=True):
     """The part of a manifest that is read without parsing the scenario."""
 
+    simgrab: str
     scenario: _Scenario
     digest: str
     seed: int
+    renderer: Fingerprint
+    extensions: _Extensions = _Extensions()
+    selection: _Selection | None = None
     files: dict[str, str] = {}
     shards: ShardCounts | None = None
 

@@ -21,7 +21,7 @@ import pyarrow as pa
 from simgrab.dataset import preview, sensor_files, shards, tables
 from simgrab.dataset import shard_reader as sharded
 from simgrab.dataset.card import HF_SPLITS
-from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
+from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names, named
 from simgrab.dataset.shards import Packed
 from simgrab.dataset.summary import Summary, Tally
 from simgrab.dataset.tables import Contents, LabelWriter
@@ -30,7 +30,6 @@ from simgrab.io import files
 from simgrab.io.destination import check_new_folder, writing
 from simgrab.io.stores import Store, is_url
 from simgrab.model.truth import Row
-from simgrab.runtime.versions import Fingerprint
 
 Progress = Callable[[int, int], None]
 Add = Callable[[LabelledFrame], None]
@@ -134,27 +133,19 @@ def _source(
     if leave_out_hidden and not (dataset := dataset.without_hidden()):
         raise DatasetError("no frame is left: all show less of the grab than labels.least_visible_fraction")
     known, where = dataset.manifest, f"{dataset.store.place}/{MANIFEST}"
-    try:
-        about = {key: value for key, value in known["renderer"].items() if key != "fingerprint"}
-        rendered_by = Fingerprint(**about)
-    except (LookupError, TypeError, AttributeError):
-        raise DatasetError(f"{where}: the renderer is missing") from None
+    about = named(known, where)
     core = {key: known[key] for key in known if key not in ("renderer", "files", "manifest_digest", "shards")}
     if not dataset.is_whole:
         core = {key: core[key] for key in core if key != "clamped"} | {"frames": len(dataset)}
         core["selection"] = {"of_frames": dataset.data.frames, "labels_sha256": dataset.data.labels_sha256}
-    scenario, functions = dataset.scenario, (core.get("extensions") or {}).get("functions", [])
-    varies = bool(scenario.vary) or any(one.get("role") == "randomiser" for one in functions)
+    scenario = dataset.scenario
+    varies = bool(scenario.vary) or any(one.role == "randomiser" for one in about.extensions.functions)
     each = shards.frames_of(scenario, shard_frames, varies=varies)
-    listed = known.get("files")
-    listed = listed if isinstance(listed, dict) else {}
-    carried: dict[str, str] = {}
-    for name in sensor_files.names(scenario):
-        if name not in listed:
-            raise DatasetError(f"{where}: it lists no {name}, which the scenario's sensors have")
-        carried[name] = str(listed[name])
+    carried = {name: about.files.get(name, "") for name in sensor_files.names(scenario)}
+    if missing := [name for name, digest in carried.items() if not digest]:
+        raise DatasetError(f"{where}: it lists no {missing[0]}, which the scenario's sensors have")
     tally = functools.reduce(Tally.__add__, (Tally.of([frame.truth], scenario) for frame in dataset), Tally())
-    contents = Contents(core, scenario, rendered_by, preview.tiles(dataset), tally, format)
+    contents = Contents(core, scenario, about.renderer, preview.tiles(dataset), tally, format)
     return ExportSource(dataset, contents, each, carried)
 
 

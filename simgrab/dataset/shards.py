@@ -160,7 +160,8 @@ def finish(
     if "selection" not in core:  # of which a manifest counts nothing
         core = core | tally.stated(scenario)
     core = core | {"shards": about}
-    dataset = shards.of_shards(store, msgspec.convert(core | {"files": digests}, Manifest))
+    known = msgspec.convert(core | {"files": digests, "renderer": rendered_by}, Manifest, from_attributes=True)
+    dataset = shards.of_shards(store, known)
     contents = tables.Contents(core, scenario, rendered_by, preview.tiles(dataset), tally, "webdataset")
     tables.describe(store, contents, digests)
 
