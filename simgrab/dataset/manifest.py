@@ -19,7 +19,7 @@ def same_renderer(fingerprint: Fingerprint, first: Fingerprint | None, place: ob
     if first is not None and fingerprint != first:
         raise DatasetError(
             f"{place} was started with {first}, and this is {fingerprint}: "
-            "choose another --out, or delete what one of them rendered"
+            "choose another place, or delete what one of them rendered"
         )
     return fingerprint
 

@@ -221,6 +221,17 @@ def test_no_video_is_overwritten(videos, rough):
     assert digests(videos) == before
 
 
+def test_clips_of_two_renderers_are_never_made(videos, rough, tmp_path):
+    folder = shutil.copytree(videos, tmp_path / "copy")
+    (folder / "swing-002.mp4").unlink()
+    known = json.loads((folder / "swing-000.manifest.json").read_text())
+    for renderer, why in (("another", "was started with another"), (None, r"not a simgrab dataset .*renderer")):
+        known["renderer"]["renderer"] = renderer
+        (folder / "swing-000.manifest.json").write_text(json.dumps(known))
+        with pytest.raises(DatasetError, match=why):
+            render_video(rough, folder / "swing.mp4", resume=True)
+
+
 def test_a_strangers_file_is_no_clip(rough, tmp_path):
     (tmp_path / "swing-002.mp4").write_text("…")
     with pytest.raises(DatasetError, match=r"swing-002\.mp4 does not belong to a video that simgrab made"):

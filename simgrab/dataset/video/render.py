@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simgrab.dataset import pool, price, record, stored
-from simgrab.dataset.manifest import identity
+from simgrab.dataset.manifest import identity, same_renderer
 from simgrab.dataset.pool import FrameNumbers, Progress, Tick
 from simgrab.dataset.price import Price
 from simgrab.dataset.summary import VideoSummary
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
-from simgrab.errors import DatasetError, ScenarioError
+from simgrab.errors import ScenarioError
 from simgrab.io.journal import Journal
 from simgrab.model.scenario import Scenario
 from simgrab.runtime.versions import Fingerprint
@@ -126,7 +126,7 @@ class ClipWork:
         clip = generator.scenario.clip.of(frames[0])
         rendered_by = generator.scene(frames[0]).renderer.fingerprint
         if not self.videos.is_finished(clip):
-            self._refuse_other_renderers(rendered_by)
+            same_renderer(rendered_by, self.videos.rendered_by(), self.videos.path)
             encode_clip(
                 self.videos, clip, lambda frame: self._take(generator, frame), rendered_by, tick=tick, also=self._lacks
             )
@@ -145,10 +145,3 @@ class ClipWork:
         if self.journal is not None and self._lacks(number):
             stored.encoded(generator, frame).keep(self.journal)
         return Shot(frame.rgb, frame.truth, stored.split(generator.recipe, number))
-
-    def _refuse_other_renderers(self, rendered_by: Fingerprint) -> None:
-        begun_by = self.videos.rendered_by()
-        if begun_by not in (None, rendered_by.digest):
-            raise DatasetError(
-                f"{self.videos.path} was started with another renderer than {rendered_by}: choose another --video"
-            )
