@@ -169,11 +169,11 @@ class _Folder:
         with ExitStack() as stack:
             stack.enter_context(self.journal.opened(self._core))
             clips = stack.enter_context(self._videos.opened()) if self._videos and self._films else []
-            units = self.journal.units()
-            done = {int(name.partition(".")[0]) for name in units}
-            missing = [frame for frame in range(self._recipe.scenario.frames) if frame not in done]
+            units, frames = self.journal.units(), range(self._recipe.scenario.frames)
+            done = [frame for frame in frames if record.unit(frame) in units]
+            missing = [frame for frame in frames if record.unit(frame) not in units]
             if done:
-                self._rendered_by = record.known(self.journal, min(done)).rendered_by
+                self._rendered_by = record.known(self.journal, done[0]).rendered_by
             yield self._clips(clips, missing) if self._films else self._groups(missing)
 
     def _clips(self, unfinished: list[FrameNumbers], missing: Sequence[int]) -> list[FrameNumbers]:
