@@ -30,20 +30,16 @@ SPLIT_NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class BoxedImage:
-    """An image and its boxes.
+    """An image, by its path in the dataset with forward slashes, and its boxes.
 
     Attributes
     ----------
-    file : str
-        Relative to the dataset, with forward slashes.
     split : str
         As the dataset names it; empty where it names none.
     where : str
         What messages call the labels.
     boxes : tuple of (str, ndarray of shape (4,))
-        Class, and x0, y0, x1, y1 in the unit that ``shares`` states.
-    shares : bool
-        Whether boxes are in shares of the image, not in px.
+        Class, and x0, y0, x1, y1 in px or, with ``shares``, in shares of the image.
     size : tuple of 2 numbers, optional
         Width and height that the labels state, px.
     crowds : frozenset of str

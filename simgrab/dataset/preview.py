@@ -21,13 +21,8 @@ TILE_WIDTH = 640
 COLUMNS = 4
 MOST_TILES = 16
 CAPTION_HEIGHT = 24
-BOX, CENTRE, VERTICAL, POINT, HIDDEN_POINT = (
-    (60, 220, 60),
-    (40, 40, 255),
-    (255, 220, 60),
-    (255, 90, 255),
-    (170, 110, 170),
-)
+BOX, CENTRE, VERTICAL = (60, 220, 60), (40, 40, 255), (255, 220, 60)
+POINT, HIDDEN_POINT = (255, 90, 255), (170, 110, 170)
 
 
 def tiles(dataset: Dataset) -> Iterator[tuple[NDArray[np.uint8], Row]]:

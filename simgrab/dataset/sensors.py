@@ -17,12 +17,7 @@ from simgrab.dataset.sensor_files import STAMP, description_of, folder_of, pictu
 from simgrab.dataset.tables import Writing
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import (
-    Lidar,
-    Scenario,
-    SideCamera,
-    Variant,
-)
+from simgrab.model.scenario import Lidar, Scenario, SideCamera, Variant
 from simgrab.world.extensions import Recipe
 
 CAMERA_BYTES, LIDAR_BYTES = 650_000_000, 400_000_000

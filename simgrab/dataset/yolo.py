@@ -145,22 +145,11 @@ def stand_ins(full: Collection[str], layout: str) -> list[str]:
 
 
 def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Array:
-    """Outline the pixels of a mask by one polygon.
+    """Outline the pixels of a mask of the whole picture by one polygon of corners x, y, px, shape (n, 2).
 
     It joins the middles of the pixels' outer edges, `INSET` within them, and leaves out those on a straight line. So it
     separates the same pixel centres as the edges do. Parts and holes are joined by lines that the polygon passes twice.
-
-    Parameters
-    ----------
-    mask : ndarray of uint8, shape (height, width)
-        Of the whole picture.
-    x0, y0, x1, y1 : int
-        Box of its pixels, half open.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        Corners x, y, px.
+    ``x0`` to ``y1`` are the box of its pixels, half open.
     """
     doubled = mask[y0:y1, x0:x1].repeat(2, axis=0).repeat(2, axis=1)  # corners of a pixel are pixels of their own
     found, _ = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -179,10 +168,7 @@ def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Arra
 def _middles(corners: NDArray[np.int32]) -> NDArray[np.int32]:
     """Find the middles of a contour's edges in quarters of a pixel, of which 1 is a left or upper edge and 3 another.
 
-    Parameters
-    ----------
-    corners : ndarray, shape (n, 2)
-        Contour of a mask in which each pixel is 2x2.
+    The contour, shape (n, 2), is of a mask in which each pixel is 2x2.
     """
     following = np.roll(corners, -1, axis=0)
     edges = (corners // 2 == following // 2).all(axis=1)

@@ -42,8 +42,8 @@ def is_url(place: object) -> bool:
 class Store:
     """Files below a place. It can be pickled; each process opens a connection of its own.
 
-    Any error of a driver is raised as one line. Before that, requests to remote stores are repeated with growing
-    pauses.
+    Any error of a driver is raised as one line, which ``refuse`` makes an error of. Before that, requests to remote
+    stores are repeated with growing pauses.
 
     Parameters
     ----------
@@ -54,8 +54,6 @@ class Store:
         Of a folder: name of a folder below it in which files are drafted. Drafts there are not synchronised with the
         disk, and those left by a dead process are not removed. By default drafts lie beside their files, are
         synchronised, and are removed.
-    refuse : callable
-        Makes the error to raise from a line.
     """
 
     place: str
