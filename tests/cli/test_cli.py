@@ -58,6 +58,7 @@ def ended(monkeypatch, capsys):
         (["render", "--size", "640x"], "size must be WIDTHxHEIGHT in pixels, such as 640x360", "got '640x'"),
         (["render", "--video", "a.mp4", "--size", "641x361", "--quiet"], "camera.width_px: must be even", "got 641"),
         (["renders"], "No such command 'renders'", "; see simgrab --help"),
+        (["export", "", "--format", "yolo", "--out", "a"], "Invalid value for 'DATASET': a path must not be empty", ""),
         (["estimate"], "Missing argument 'FILE'", "; see simgrab estimate --help"),
         (["detect", "--a\x1b[31m"], "No such option", "; see simgrab detect --help"),
     ],
