@@ -327,6 +327,7 @@ def refused(path, grab_classes=()):
         ("0 0.1 0.1 0.2\n", "3 values after the class are too few"), ("-1 0.5 0.5 0.2 0.2", "got -1"),
         ("0 0.1 0.1 nan 0.1 0.2 0.2", "lies outside the image"), ("0 0.9 0.1 0.9 0.2 0.9 0.3", "has no area"),
         ("0 0.5 0.5 1.2 0.2", "lies outside the image of 64 x 40 px"), ("0 nan 0.5 0.2 0.2", "lies outside the image"),
+        ("0 inf 0.5 inf 0.2", "lies outside the image"), ("0 1e308 0.5 1e308 1e308", "lies outside the image"),
         ("0 100 50 20 20", "lies outside the image"),
         ("0 0.5 0.5 0.2 0.2 0.9", "5 values after the class are one too many: a label has no confidence and no angle"),
         ("grab 0.5 0.5 0.2 0.2", "'grab' is not a number"), ("0,0.5,0.5,0.2,0.2", "0.5,0.2,0.2' is not a number"),

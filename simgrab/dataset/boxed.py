@@ -55,6 +55,7 @@ class BoxedDataset:
         )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers in files, which are refused as boxes outside the image
 def read(path: str | Path, grab_classes: Collection[str] = ()) -> BoxedDataset:
     """Read a dataset of boxes: a folder in YOLO's or COCO's layout, a ``data.yaml`` or a COCO file.
 
