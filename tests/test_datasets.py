@@ -16,6 +16,7 @@ from pycocotools.coco import COCO
 
 import simgrab
 from simgrab.dataset import datasets
+from simgrab.dataset.export import export
 from simgrab.errors import DatasetError
 from simgrab.instrument.source import open_source
 from simgrab.model import calibration
@@ -120,6 +121,26 @@ def test_a_label_that_cannot_be_is_refused_with_its_row(copy, column, value, mon
     altered(copy, column, lambda values: [*values[:3], value, *values[4:]])
     with pytest.raises(DatasetError, match=rf"not a simgrab dataset .*\$\[3\]\.{column}"):
         datasets.read(copy)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [("box_y0_px", None), ("box_x1_px", 0), ("box_x1_px", 481), ("height_px", 9)]
+)
+def test_a_box_that_is_none_of_the_picture_is_refused(copy, column, value):
+    altered(copy, column, lambda values: [*values[:3], value, *values[4:]])
+    with pytest.raises(DatasetError, match=r"frame 3: its box \(.*\) is none of"):
+        datasets.read(copy)
+
+
+def test_a_box_beside_its_mask_has_no_outline(copy, tmp_path):
+    for column, value in (("box_x0_px", 0), ("box_y0_px", 0), ("box_x1_px", 2), ("box_y1_px", 2)):
+        altered(copy, column, lambda values, value=value: [value, *values[1:]])
+    with pytest.raises(DatasetError, match="frame 0: no pixel of its mask lies in its box"):
+        export(copy, tmp_path / "out", format="yolo-seg")
+    for file in copy.rglob("instances_*.json"):
+        file.write_text('{"annotations": []}')
+    with pytest.raises(DatasetError, match="frame 0: it has a box and no mask"):
+        export(copy, tmp_path / "out", format="yolo-seg")
 
 
 @pytest.mark.parametrize(

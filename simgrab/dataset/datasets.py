@@ -419,12 +419,27 @@ def read(path: str | Path) -> Dataset:
     """Open a finished dataset in a folder; `simgrab.dataset.shard_reader.open` says how, and opens others too."""
     path = Path(path)
     table, labels_sha256 = frame_files.read_labels(path)
-    rows = frame_files.converted(table, Row, path)
-    named_files = [FrameFile(row.frame, row.file, row.clip, row.time_s, row.image_sha256) for row in rows]
+    named_files = list[FrameFile]()
+    for row in frame_files.converted(table, Row, path):
+        check_box(row, path)
+        named_files.append(FrameFile(row.frame, row.file, row.clip, row.time_s, row.image_sha256))
     store = Store(str(path))
     known = named(read_manifest(store), path)
     frame_files.check_files(path, named_files)
     return of_rows(store, known, labels_sha256, FolderRows(table, FolderFiles(path, Masks(path).coded)))
+
+
+def check_box(row: Row, where: object) -> None:
+    """Refuse a row whose visible box lacks an edge, is empty, or is not in the picture."""
+    x0, y0, x1, y1 = edges = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
+    if x0 is None or y0 is None or x1 is None or y1 is None:
+        sound = edges == (None,) * 4
+    else:
+        sound = x0 < x1 <= row.width_px and y0 < y1 <= row.height_px
+    if not sound:
+        raise DatasetError(
+            f"{where}: frame {row.frame}: its box {edges} is none of {row.width_px} x {row.height_px} px"
+        )
 
 
 def of_rows(store: Store, known: Manifest, labels_sha256: str, rows: RowStore) -> Dataset:

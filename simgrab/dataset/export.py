@@ -187,7 +187,10 @@ def _pictures(source: ExportSource, store: Store, *, kind: str = "", coco: bool 
 
         def add(frame: LabelledFrame) -> None:
             store.write(frame.truth.file, frame.content)
-            write(frame.truth, frame.coded_mask if coco or kind == "seg" else None)
+            try:
+                write(frame.truth, frame.coded_mask if coco or kind == "seg" else None)
+            except ValueError as problem:  # of labels that contradict each other
+                raise DatasetError(f"{source.dataset.store.place}: frame {frame.truth.frame}: {problem}") from None
 
         yield add
 

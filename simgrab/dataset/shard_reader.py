@@ -95,6 +95,8 @@ def parse_shard(data: bytes, where: str) -> Shard:
     except (ValueError, LookupError, TypeError) as problem:
         why = f"{type(problem).__name__}: {first_line(problem)}"
         raise DatasetError(f"{where}: not labels of a shard ({why})") from None
+    for row in rows:
+        datasets.check_box(row, where)
     return Shard(rows, {row.frame: place for row, place in zip(rows, places, strict=True)}, found.schema)
 
 

@@ -46,7 +46,8 @@ def _pose(row: Row, box: Array, _mask: Coded | None) -> Array:
 
 
 def _polygon(row: Row, box: Array, mask: Coded | None) -> Array:
-    assert mask is not None
+    if mask is None:
+        raise ValueError("it has a box and no mask")
     return (outline(np.asarray(coco_mask.decode(msgspec.structs.asdict(mask))), *map(int, box)) / _size(row)).ravel()
 
 
@@ -153,6 +154,8 @@ def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Arra
     """
     doubled = mask[y0:y1, x0:x1].repeat(2, axis=0).repeat(2, axis=1)  # corners of a pixel are pixels of their own
     found, _ = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if not found:
+        raise ValueError("no pixel of its mask lies in its box")
     paths = sorted((_middles(contour[:, 0]) for contour in found), key=len)
     joined = paths.pop()
     tree = KDTree(joined)
