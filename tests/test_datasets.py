@@ -138,6 +138,13 @@ def test_a_box_beside_its_mask_has_no_outline(copy, tmp_path):
     with pytest.raises(DatasetError, match="frame 0: no pixel of its mask lies in its box"):
         export(copy, tmp_path / "out", format="yolo-seg")
     for file in copy.rglob("instances_*.json"):
+        known = json.loads(file.read_bytes())
+        for one in known["annotations"]:
+            one["segmentation"]["counts"] = "zzzzzz"  # beyond whose end COCO's decoder reads
+        file.write_text(json.dumps(known))
+    with pytest.raises(DatasetError, match=r"the mask of frame 0 does not .*: its run lengths cannot be decoded"):
+        export(copy, tmp_path / "out", format="coco")
+    for file in copy.rglob("instances_*.json"):
         file.write_text('{"annotations": []}')
     with pytest.raises(DatasetError, match="frame 0: it has a box and no mask"):
         export(copy, tmp_path / "out", format="yolo-seg")

@@ -167,7 +167,8 @@ class LabelledFrame(Labelled):
     @property
     def coded_mask(self) -> Coded | None:
         """Pixels of the visible grab as COCO's compressed run lengths; None unless ``labelled``."""
-        return self._files.mask(self.truth) if self.labelled else None
+        coded = self._files.mask(self.truth) if self.labelled else None
+        return None if coded is None else coded.checked(self.truth, self._files.mask_name(self.truth))
 
     @property
     def mask(self) -> NDArray[np.bool_] | None:
