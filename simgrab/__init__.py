@@ -76,8 +76,7 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(f"simgrab.model.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'simgrab' has no attribute {name!r}")
-    module, _, attribute = _HOME[name].partition(":")
-    return getattr(importlib.import_module(module), attribute or name)
+    return getattr(importlib.import_module(_HOME[name]), name)
 
 
 def __dir__() -> list[str]:

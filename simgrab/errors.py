@@ -61,15 +61,7 @@ class DatasetError(SimgrabError):
 
 
 class PictureError(DatasetError):
-    """A picture file that is none, is cut off or damaged, or is too large.
-
-    Parameters
-    ----------
-    path : Path or str
-        Of the file, or what names it where it is part of another.
-    reason : str
-        Why it cannot be read.
-    """
+    """A picture file that is none, is cut off or damaged, or is too large: ``path`` and ``reason``."""
 
     def __init__(self, path: Path | str, reason: str) -> None:
         super().__init__(path, reason)

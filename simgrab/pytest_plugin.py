@@ -29,13 +29,7 @@ _LONGEST = 200  # characters of a folder's name
 
 @dataclass(frozen=True)
 class Record:
-    """Frames of a scene, and what is known of them.
-
-    Attributes
-    ----------
-    dataset : Dataset
-        As rendered; its ``path`` is the folder.
-    """
+    """Frames of a scene as rendered, and what is known of them; the ``path`` of its dataset is the folder."""
 
     dataset: Dataset
 

@@ -82,10 +82,13 @@ def by_yolo(folder, split, *, oriented=False):
         yield int(path.rsplit("/", 1)[1].split(".")[0]), picture, detections
 
 
-def digests(folder):
-    """Digest of every file in a folder, by its path there."""
-    files = sorted(p for p in folder.rglob("*") if p.is_file())
-    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+def digests(folder, stem=""):
+    """Digest of every file in a folder, by what follows the stem in its path there."""
+    files = ((str(p.relative_to(folder)), p) for p in sorted(folder.rglob("*")) if p.is_file())
+    return {
+        name.removeprefix(stem): hashlib.sha256(path.read_bytes()).hexdigest()
+        for name, path in files if name.startswith(stem)
+    }  # fmt: skip
 
 
 def altered(path, column, change):

@@ -14,6 +14,7 @@ from pycocotools.coco import COCO
 
 import simgrab
 from simgrab.dataset import datasets
+from simgrab.dataset.export import export
 from simgrab.errors import DatasetError
 from simgrab.instrument.source import open_source
 from simgrab.model import calibration
@@ -108,6 +109,47 @@ def test_a_label_that_cannot_be_is_refused_with_its_row(copy, column, value, mon
     monkeypatch.setattr(frame_files, "_CONVERTED_TOGETHER", 2)
     altered(copy, column, lambda values: [*values[:3], value, *values[4:]])
     with pytest.raises(DatasetError, match=rf"not a simgrab dataset .*\$\[3\]\.{column}"):
+        datasets.read(copy)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [("box_y0_px", None), ("box_x1_px", 0), ("box_x1_px", 481), ("height_px", 9)]
+)
+def test_a_box_that_is_none_of_the_picture_is_refused(copy, column, value):
+    altered(copy, column, lambda values: [*values[:3], value, *values[4:]])
+    with pytest.raises(DatasetError, match=r"frame 3: its box \(.*\) is none of"):
+        datasets.read(copy)
+
+
+def test_a_box_beside_its_mask_has_no_outline(copy, tmp_path):
+    for column, value in (("box_x0_px", 0), ("box_y0_px", 0), ("box_x1_px", 2), ("box_y1_px", 2)):
+        altered(copy, column, lambda values, value=value: [value, *values[1:]])
+    with pytest.raises(DatasetError, match="frame 0: no pixel of its mask lies in its box"):
+        export(copy, tmp_path / "out", format="yolo-seg")
+    for file in copy.rglob("instances_*.json"):
+        known = json.loads(file.read_bytes())
+        for one in known["annotations"]:
+            one["segmentation"]["counts"] = "zzzzzz"  # beyond whose end COCO's decoder reads
+        file.write_text(json.dumps(known))
+    with pytest.raises(DatasetError, match=r"the mask of frame 0 does not .*: its run lengths cannot be decoded"):
+        export(copy, tmp_path / "out", format="coco")
+    for file in copy.rglob("instances_*.json"):
+        file.write_text('{"annotations": []}')
+    with pytest.raises(DatasetError, match="frame 0: it has a box and no mask"):
+        export(copy, tmp_path / "out", format="yolo-seg")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("simgrab", None), ("renderer", [1]), ("renderer", {"renderer": 1}), ("extensions", [1]), ("selection", 3),
+        ("files", {"labels.parquet": 3}),
+    ],
+)  # fmt: skip
+def test_a_manifest_that_cannot_be_is_refused_by_its_key(copy, key, value):
+    known = json.loads((copy / "manifest.json").read_bytes())
+    (copy / "manifest.json").write_text(json.dumps(known | {key: value}))
+    with pytest.raises(DatasetError, match=rf"not a simgrab dataset .*\$\.{key}"):
         datasets.read(copy)
 
 

@@ -30,30 +30,30 @@ def begins(frame):
 
 
 @pytest.fixture
-def takes(monkeypatch):
-    """Gives the clock what each frame takes, s, how many bytes it has, and what the check of a world takes."""
+def costing(monkeypatch):
+    """Replaces the clock, and frames and checks of worlds by ones that take given times, s."""
+    clock = SimpleNamespace(now=0.0)
 
-    def given(seconds, size, check=0.0, cores=8):
-        clock = SimpleNamespace(now=0.0)
-
+    def cost(seconds_of, bytes_of=lambda _: 0, *, check=0.0, cores=8):
         def make(_generator, frame):
-            clock.now += seconds(frame)
-            return SimpleNamespace(files={"a.jpg": bytes(size(frame))}, record=None)
+            clock.now += seconds_of(frame)
+            return SimpleNamespace(files={"a.jpg": bytes(bytes_of(frame))}, record=None)
 
         def vet(_recipe, _frames):
             clock.now += check
 
-        time = SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.now)
-        for place, name, value in ((price.stored, "make", make), (price, "vet", vet), (price, "time", time),
-                                   (price.machine, "cores", lambda: cores)):  # fmt: skip
-            monkeypatch.setattr(place, name, value)
+        clocks = SimpleNamespace(perf_counter=lambda: clock.now, process_time=lambda: clock.now)
+        monkeypatch.setattr(price.stored, "make", make)
+        monkeypatch.setattr(price, "vet", vet)
+        monkeypatch.setattr(price, "time", clocks)
+        monkeypatch.setattr(price.machine, "cores", lambda: cores)
 
-    return given
+    return cost
 
 
 @pytest.mark.parametrize(("workers", "cores", "share"), [(1, 4, 1), (2, 4, 1 / 2), (4, 2, 1 / 2)])
-def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(takes, workers, cores, share):
-    takes(lambda frame: COSTS[begins(frame)], lambda frame: 1000 * begins(frame), CHECK, cores)
+def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(costing, workers, cores, share):
+    costing(lambda frame: COSTS[begins(frame)], lambda frame: 1000 * begins(frame), check=CHECK, cores=cores)
     for frames in (1000, 777):
         scene = simgrab.load("training", {"frames": frames, "every": {"place": 64, "grab": 16}})
         found = price.measured(Serial(Recipe(scene), workers))
@@ -69,22 +69,22 @@ def test_the_price_is_the_sum_of_all_frames_where_each_kind_takes_the_same(takes
 
 @pytest.mark.parametrize("clip_frames", [1, 2, 4, 7, 8, 16])
 @pytest.mark.parametrize("world", [0.5, 3.0, 30.0])
-def test_the_key_that_saves_time_is_named_where_few_frames_share_a_world(takes, clip_frames, world):
-    worlds = [None]
+def test_the_key_that_saves_time_is_named_where_few_frames_share_a_world(costing, clip_frames, world):
+    made = [-1]
 
     def seconds(frame):
-        worlds.append(frame // clip_frames)
-        return 1.0 + world * (worlds[-1] != worlds[-2])
+        made.append(frame // clip_frames)
+        return 1.0 + world * (made[-1] != made[-2])
 
-    takes(seconds, lambda _: 0)
+    costing(seconds)
     found = price.measured(Serial(Recipe(simgrab.load("training", {"clip.clip_frames": clip_frames})), 1))
     assert found.seconds == pytest.approx(800 * (1 + world / clip_frames), rel=0.01)
     assert ("clip.clip_frames" in str(found)) == (clip_frames < 8 and world > clip_frames)
 
 
 @pytest.mark.parametrize(("clip_frames", "workers", "share"), [(0, 4, 1), (100, 4, 1 / 4), (500, 4, 1 / 2)])
-def test_a_videos_price_is_its_bit_rate_and_a_process_for_each_clip(takes, clip_frames, workers, share):
-    takes(lambda _: 1.0, lambda _: 1000)
+def test_a_videos_price_is_its_bit_rate_and_a_process_for_each_clip(costing, clip_frames, workers, share):
+    costing(lambda _: 1.0, lambda _: 1000)
     clip = {"clip_frames": clip_frames, "frame_rate_hz": 10.0, "bit_rate_mbit_s": 2.0}
     scene = simgrab.load("work-cycles", {"frames": 1000, "clip": clip})
     alone, both = (price.measured(Serial(Recipe(scene), workers), files=files, video=True) for files in (False, True))

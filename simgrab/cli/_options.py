@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -15,43 +16,39 @@ from simgrab.io.stores import is_url
 
 
 class _Place(click.Path):
-    """A path. An empty path is refused: it would mean the working folder."""
+    """A path or, with ``urls``, the URL of a store. An empty path is refused: it would mean the working folder."""
+
+    def __init__(self, *, urls: bool = False) -> None:
+        super().__init__(path_type=Path)
+        self._urls = urls
+        self.name = "path or URL" if urls else self.name
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Refuse what is empty."""
         if value == "":
             self.fail("a path must not be empty", param, ctx)
-        return super().convert(value, param, ctx)
+        if self._urls and isinstance(value, str) and value.lower().startswith("memory:"):
+            self.fail("memory:// ends with the command; give a folder or another URL", param, ctx)
+        return value if self._urls and is_url(value) else super().convert(value, param, ctx)
 
 
 class _Destination(_Place):
-    """A path to write to. It is checked first, because importing the command's modules takes seconds."""
+    """A path to write to. It is checked first, because importing the command's modules takes seconds; a URL is not."""
 
-    def __init__(self, check: Callable[..., None], error: type[SimgrabError] = RunError) -> None:
-        super().__init__(path_type=Path)
+    def __init__(self, check: Callable[..., None], error: type[SimgrabError] = RunError, *, urls: bool = False) -> None:
+        super().__init__(urls=urls)
         self._check, self._error = check, error
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Refuse a path that cannot be written."""
-        path = super().convert(value, param, ctx)
-        self._check(path, self._error, param.opts[0] if param else "path")
-        return path
+        place = super().convert(value, param, ctx)
+        if isinstance(place, Path):
+            self._check(place, self._error, param.opts[0] if param else "path")
+        return place
 
 
-class _FolderOrUrl(_Destination):
-    """A folder to write to, or the URL of a store. A URL is checked only when it is used."""
-
-    name = "path or URL"
-
-    def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Leave a URL as it is."""
-        if isinstance(value, str) and value.lower().startswith("memory:"):
-            self.fail("memory:// ends with the command; give a folder or another URL", param, ctx)
-        return value if is_url(value) else super().convert(value, param, ctx)
-
-
-PATH = _Place(path_type=Path)
-FOLDER_OR_URL = _FolderOrUrl(check_folder)
+PATH, PATH_OR_URL = _Place(), _Place(urls=True)
+FOLDER_OR_URL = _Destination(check_folder, urls=True)
 FOLDER, NEW_FOLDER = _Destination(check_folder), _Destination(check_new_folder)
 FILE = _Destination(check_file, DatasetError)
 WORKERS = click.IntRange(1, 256)
@@ -67,6 +64,15 @@ class _Automatic(click.ParamType):  # type: ignore[type-arg]  # generic from cli
 
 
 AUTO_WORKERS = _Automatic()
+
+
+class FiniteRange(click.FloatRange):
+    """A number in a range, in which click finds NaN as well."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Refuse NaN."""
+        number = float(super().convert(value, param, ctx))
+        return self.fail(f"{number} is not a number", param, ctx) if math.isnan(number) else number
 
 
 class EstimatorName(click.Choice):  # type: ignore[type-arg]  # generic from click 8.2 on

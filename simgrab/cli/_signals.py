@@ -16,10 +16,6 @@ from simgrab.runtime.processes import STOPS
 TOGETHER_S = 1.0  # within which signals are one: `timeout` sends its own twice, and a terminal to a whole group
 
 
-class Stopped(KeyboardInterrupt):
-    """The command was asked to end. It passes through the same clean-up as Ctrl-C."""
-
-
 @dataclass
 class Received:
     """The signal that asked the command to end; None before any has."""
@@ -29,7 +25,7 @@ class Received:
 
 @contextmanager
 def stoppable() -> Iterator[Received]:
-    """Raise `Stopped` at the first of these signals; end the process at the second.
+    """Raise KeyboardInterrupt at the first of these signals; end the process at the second.
 
     Python raises only between two of its own instructions: while a library computes or waits, the first signal is
     pending. A thread waits for the second signal, so that it takes effect at any time. Signals that are ignored stay
@@ -40,7 +36,7 @@ def stoppable() -> Iterator[Received]:
     def stop(number: int, _frame: FrameType | None) -> None:
         if received.number is None:
             received.number = number
-            raise Stopped
+            raise KeyboardInterrupt
 
     numbers, written = os.pipe()
     os.set_blocking(written, False)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FOLDER_OR_URL
+from simgrab.cli._options import FOLDER_OR_URL, PATH_OR_URL
 from simgrab.cli._progress import bar
 from simgrab.io.stores import is_url
 from simgrab.text import printable
@@ -15,7 +15,7 @@ FORMATS = ("yolo", "yolo-pose", "yolo-seg", "yolo-obb", "coco", "voc", "webdatas
 
 
 @click.command(name="export")
-@click.argument("dataset")
+@click.argument("dataset", type=PATH_OR_URL)
 @click.option("--format", "layout", type=click.Choice(FORMATS), required=True, help="Layout to write.")
 @click.option("--out", type=FOLDER_OR_URL, required=True, help="New folder, or URL below which there is nothing.")
 @click.option(
@@ -28,7 +28,7 @@ FORMATS = ("yolo", "yolo-pose", "yolo-seg", "yolo-obb", "coco", "voc", "webdatas
 )
 @click.option("--quiet", is_flag=True, help="Print errors only.")
 def command(
-    dataset: str, layout: str, out: Path | str, shard_frames: int | None, leave_out_hidden: bool, quiet: bool
+    dataset: Path | str, layout: str, out: Path | str, shard_frames: int | None, leave_out_hidden: bool, quiet: bool
 ) -> None:
     """Write DATASET (a folder, or the URL of a dataset of shards) in the layout of another tool.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import FOLDER, PATH
+from simgrab.cli._options import FOLDER, PATH, FiniteRange
 
 
 @click.group(name="grab")
@@ -50,7 +50,7 @@ def check(file: Path, out: Path | None, assignments: tuple[str, ...]) -> None:
 @click.option("--out", type=PATH, help="GLB file to write.  [default: FILE's name and .glb]")
 @click.option(
     "--tolerance-mm",
-    type=click.FloatRange(0.01, 100),
+    type=FiniteRange(0.01, 100),
     default=2.0,
     show_default=True,
     help="Largest distance of a facet from a curved surface.",

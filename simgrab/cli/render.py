@@ -70,7 +70,7 @@ def command(
 
     given = Extensions.of(randomiser, trajectory, effects)
     given.refuse_others(scene)
-    recipe, how = Recipe(scenario, given), ""
+    recipe = Recipe(scenario, given)
     for line in () if quiet else remarks(scenario.grab):
         click.echo(printable(f"grab.file: {line}"), err=True)
     if cluster is not None and workers is not None:

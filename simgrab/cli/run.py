@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from simgrab.cli._options import NEW_FOLDER, PATH, EstimatorName, detector_option, imu_option, plc_option
+from simgrab.cli._options import NEW_FOLDER, PATH, EstimatorName, FiniteRange, detector_option, imu_option, plc_option
 from simgrab.instrument.contract import Instrument
 from simgrab.io.parse import shown
 from simgrab.text import printable
@@ -26,13 +26,6 @@ def _stretch(_context: click.Context, _option: click.Parameter, text: str | None
     if not 0 < seconds <= LONGEST_S:
         raise click.BadParameter(f"{shown(text)}: invalid duration; use e.g. 300s or 5min, at most one day")
     return seconds
-
-
-def _rate(_context: click.Context, _option: click.Parameter, rate: float | None) -> float | None:
-    """Refuse a frame rate that no camera has; NaN is in no range, which click does not see."""
-    if rate is not None and not 0 < rate <= MOST_RATE_HZ:
-        raise click.BadParameter(f"{rate:g} is not above 0 and at most {MOST_RATE_HZ:g} frames/s")
-    return rate
 
 
 def _report(line: str) -> None:
@@ -62,13 +55,12 @@ def _report(line: str) -> None:
 @click.option("--live", is_flag=True, help="Update the estimate while frames arrive; always on for streams.")
 @click.option(
     "--rate",
-    type=float,
-    callback=_rate,
+    type=FiniteRange(0, MOST_RATE_HZ, min_open=True),
     help="Frames/s of a folder, or of a video without time stamps.  [default: what the video states, or 9]",
 )
 @click.option(
     "--wind-m-s",
-    type=click.FloatRange(0, 40),
+    type=FiniteRange(0, 40),
     default=0.0,
     help="Mean wind: the grab leans in it, and intervals get wider.  [default: the controller's, or not known]",
 )

@@ -30,20 +30,16 @@ SPLIT_NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class BoxedImage:
-    """An image and its boxes.
+    """An image, by its path in the dataset with forward slashes, and its boxes.
 
     Attributes
     ----------
-    file : str
-        Relative to the dataset, with forward slashes.
     split : str
         As the dataset names it; empty where it names none.
     where : str
         What messages call the labels.
     boxes : tuple of (str, ndarray of shape (4,))
-        Class, and x0, y0, x1, y1 in the unit that ``shares`` states.
-    shares : bool
-        Whether boxes are in shares of the image, not in px.
+        Class, and x0, y0, x1, y1 in px or, with ``shares``, in shares of the image.
     size : tuple of 2 numbers, optional
         Width and height that the labels state, px.
     crowds : frozenset of str
@@ -69,12 +65,7 @@ class BoxDataset:
 
 
 def parse(path: Path) -> BoxDataset:
-    """Parse a folder, a ``data.yaml`` or a COCO file. A folder with a ``data.yaml`` is YOLO's.
-
-    Raises
-    ------
-    DatasetError
-    """
+    """Parse a folder, a ``data.yaml`` or a COCO file. A folder with a ``data.yaml`` is YOLO's."""
     if path.suffix.lower() == ".json":
         return _coco(path.parent.parent if path.parent.name == "annotations" else path.parent, [path])
     if path.suffix.lower() in (".yaml", ".yml"):
@@ -109,7 +100,9 @@ _SKEW = 0.005  # of the image, by which rounding may bend a parallelogram
 
 def _yolo(root: Path, description: Path | None) -> BoxDataset:
     """Parse images with text labels. An image without a label file, or with an empty one, shows no class."""
-    about = {} if description is None else _description(description)
+    about: Any = {} if description is None else read_yaml(description, DatasetError, most_bytes=MOST_YAML_BYTES)
+    if not isinstance(about, dict):
+        raise DatasetError(f"{description}: keys such as train, val and names are needed")
     names, key_points = _names(about, description), _key_points(about, description)
     files = _listed(root, about, description) if description else _found(root, root)
     unique: dict[Path, str] = {}
@@ -137,13 +130,6 @@ def _yolo(root: Path, description: Path | None) -> BoxDataset:
     ]  # fmt: skip
     used = {name for some in lines.values() for name, _ in some}
     return BoxDataset(root, tuple(names.values()) if names else tuple(sorted(used)), tuple(images))
-
-
-def _description(path: Path) -> dict[str, Any]:
-    data = read_yaml(path, DatasetError, most_bytes=MOST_YAML_BYTES)
-    if not isinstance(data, dict):
-        raise DatasetError(f"{path}: keys such as train, val and names are needed")
-    return data
 
 
 def _names(about: Mapping[str, Any], path: Path | None) -> dict[int, str]:

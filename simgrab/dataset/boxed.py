@@ -31,17 +31,7 @@ _FRAME_NUMBER = re.compile(r"[-_. ]*(frame|img|image)?[-_. ]*[0-9]+$", re.IGNORE
 
 @dataclass(frozen=True)
 class BoxedDataset:
-    """A dataset of boxes.
-
-    Attributes
-    ----------
-    path : Path
-        Folder that the rows' files are relative to.
-    rows : tuple of Boxed
-        By file.
-    named : bool
-        Whether the dataset itself names train, val and test.
-    """
+    """A dataset of boxes: its folder, rows by file, and whether it names train, val and test itself."""
 
     path: Path
     rows: tuple[Boxed, ...]
@@ -65,21 +55,13 @@ class BoxedDataset:
         )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers in files, which are refused as boxes outside the image
 def read(path: str | Path, grab_classes: Collection[str] = ()) -> BoxedDataset:
     """Read a dataset of boxes: a folder in YOLO's or COCO's layout, a ``data.yaml`` or a COCO file.
 
-    Every picture is decoded once, to get its size and to find files that cannot be read.
-
-    Parameters
-    ----------
-    path : path
-    grab_classes : collection of str
-        Classes that are the grab; required if the dataset has several classes. Boxes of other classes are left out.
-
-    Raises
-    ------
-    DatasetError
-        In one line: the file, and what is wrong with it.
+    Every picture is decoded once, to get its size and to find files that cannot be read. ``grab_classes`` are those
+    that are the grab; required if the dataset has several classes. Boxes of other classes are left out. Raises
+    `DatasetError` in one line: the file, and what is wrong with it.
     """
     path = Path(path)
     if frame_files.is_dataset(path):
@@ -108,18 +90,10 @@ def read_all(paths: Sequence[str | Path], grab_classes: Collection[str] = ()) ->
 
 
 def video_of(file: str) -> str:
-    """Name the video that a frame is of.
+    """Name the video that a frame is of, by its file relative to the dataset, with forward slashes.
 
-    Parameters
-    ----------
-    file : str
-        Relative to the dataset, with forward slashes.
-
-    Returns
-    -------
-    str
-        The folders that the file is in, without those of the layout (``images``, ``train``, …). Without such a folder:
-        the file's name without its frame number. If that leaves no name: the dataset's folder.
+    These are the folders that the file is in, without those of the layout (``images``, ``train``, …). Without such a
+    folder: the file's name without its frame number. If that leaves no name: the dataset's folder.
 
     Examples
     --------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from simgrab.dataset import yolo
@@ -14,10 +13,7 @@ from simgrab.text import markdown
 
 NAME = "README.md"
 HF_SPLITS = {"train": "train", "val": "validation", "test": "test"}
-_SIZES = (
-    (10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"), (10**7, "1M<n<10M"),
-    (10**8, "10M<n<100M"), (10**9, "100M<n<1B"), (10**10, "1B<n<10B"), (math.inf, "10B<n<100B"),
-)  # fmt: skip
+_SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M", "10M<n<100M")  # by the number of digits, from 3 on
 _TASKS = ("object-detection", "keypoint-detection", "image-segmentation")
 _OWN = (
     'Python: `simgrab.open("FOLDER")`. YOLO trainers read `data.yaml`, readers of COCO `annotations/`. Hugging Face: '
@@ -37,19 +33,12 @@ _LAYOUTS = {
 def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> bytes:
     """Compose the card, with the front matter that dataset hubs read.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    core : dict
-        See `simgrab.dataset.manifest.identity`.
-    tally : Tally
-        Of all frames.
-    layout : str
-        A format of `simgrab.dataset.export`.
+    ``core`` is `simgrab.dataset.manifest.identity`, ``tally`` of all frames, and ``layout`` a format of
+    `simgrab.dataset.export`.
     """
     frames, counts = sum(tally.splits), {name: n for name, n in zip(SPLITS, tally.splits, strict=True) if n}
     pattern, loading = _LAYOUTS[layout.partition("-")[0]]
-    size = next(name for most, name in _SIZES if frames < most)
+    size = _SIZES[max(len(str(frames)) - 3, 0)]
     own_files = [model.name for model in scenario.models]
     head = [f"license: {'other' if own_files else 'apache-2.0'}", f'pretty_name: "{scenario.name}"']
     head += ["task_categories:", *(f"- {task}" for task in _TASKS), f"size_categories: [{size}]"]

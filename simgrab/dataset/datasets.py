@@ -27,10 +27,11 @@ from simgrab.model import calibration
 from simgrab.model import label_arrays as labels
 from simgrab.model.calibration import Calibration
 from simgrab.model.label_arrays import Labelled
-from simgrab.model.masks import Coded, Masks, coco_file
+from simgrab.model.masks import Coded, Masks, coco_name
 from simgrab.model.records import frame_files
 from simgrab.model.records.frame_files import FrameFile
 from simgrab.model.truth import SPLITS, Row
+from simgrab.runtime.versions import Fingerprint
 
 if TYPE_CHECKING:
     from simgrab.model.scenario import Scenario
@@ -51,26 +52,34 @@ class _Scenario(msgspec.Struct, frozen=True):
 
 
 class ShardCounts(msgspec.Struct, frozen=True):
-    """How a dataset is cut into shards.
-
-    Attributes
-    ----------
-    frames : int
-        Frames of each shard; the last one may have fewer.
-    splits : tuple of tuple of 3 int
-        Of each shard, its frames in train, val and test.
-    """
+    """How a dataset is cut into shards: frames of each but the last one, and the frames of each in its splits."""
 
     frames: Annotated[int, msgspec.Meta(ge=1, le=2**53)]
     splits: tuple[tuple[Count, Count, Count], ...]
 
 
+class _Function(msgspec.Struct, frozen=True):
+    role: str
+
+
+class _Extensions(msgspec.Struct, frozen=True):
+    functions: tuple[_Function, ...] = ()
+
+
+class _Selection(msgspec.Struct, frozen=True):
+    of_frames: Count
+
+
 class Manifest(msgspec.Struct, frozen=True):
     """The part of a manifest that is read without parsing the scenario."""
 
+    simgrab: str
     scenario: _Scenario
     digest: str
     seed: int
+    renderer: Fingerprint
+    extensions: _Extensions = _Extensions()
+    selection: _Selection | None = None
     files: dict[str, str] = {}
     shards: ShardCounts | None = None
 
@@ -81,16 +90,7 @@ class Manifest(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class DatasetIdentity:
-    """The name and digests of a dataset.
-
-    Attributes
-    ----------
-    scenario : str
-        Its name.
-    scenario_digest, labels_sha256 : str
-        Digest of the scenario, from the manifest, and SHA-256 of ``labels.parquet``.
-    seed, frames : int
-    """
+    """The name and digests of a dataset: of its scenario, from the manifest, and of ``labels.parquet``."""
 
     scenario: str
     scenario_digest: str
@@ -167,7 +167,8 @@ class LabelledFrame(Labelled):
     @property
     def coded_mask(self) -> Coded | None:
         """Pixels of the visible grab as COCO's compressed run lengths; None unless ``labelled``."""
-        return self._files.mask(self.truth)
+        coded = self._files.mask(self.truth) if self.labelled else None
+        return None if coded is None else coded.checked(self.truth, self._files.mask_name(self.truth))
 
     @property
     def mask(self) -> NDArray[np.bool_] | None:
@@ -178,14 +179,7 @@ class LabelledFrame(Labelled):
 
 @dataclass(frozen=True)
 class FolderFiles:
-    """Pictures in files of a folder, and their masks; see `DatasetFiles`.
-
-    Attributes
-    ----------
-    folder : Path
-    coded : callable
-        Looks up a row's mask.
-    """
+    """Pictures in files of a folder, and what looks up a row's mask; see `DatasetFiles`."""
 
     folder: Path
     coded: Callable[[Row], Coded | None]
@@ -211,7 +205,7 @@ class FolderFiles:
         return str(self.path(row))
 
     def mask_name(self, row: Row) -> str:  # noqa: D102
-        return str(coco_file(self.folder, row.split))
+        return str(self.folder / coco_name(row.split))
 
 
 class RowStore(Protocol):
@@ -231,13 +225,7 @@ class RowStore(Protocol):
 
 @dataclass(frozen=True)
 class FolderRows:
-    """The table ``labels.parquet``, of which rows are made at each access, and files of a folder; see `RowStore`.
-
-    Attributes
-    ----------
-    table : pyarrow.Table
-    files : FolderFiles
-    """
+    """The table ``labels.parquet``, of which rows are made at each access, and files of a folder; see `RowStore`."""
 
     table: pa.Table
     files: FolderFiles = field(repr=False, compare=False)
@@ -429,21 +417,30 @@ def read_manifest(store: Store) -> Any:
 
 
 def read(path: str | Path) -> Dataset:
-    """Open a finished dataset in a folder; `simgrab.dataset.shard_reader.open` says how, and opens others too.
-
-    Raises
-    ------
-    DatasetError
-        If there is no dataset, or it is unfinished, empty, or lacks a picture.
-    """
+    """Open a finished dataset in a folder; `simgrab.dataset.shard_reader.open` says how, and opens others too."""
     path = Path(path)
     table, labels_sha256 = frame_files.read_labels(path)
-    rows = frame_files.converted(table, Row, path)
-    named_files = [FrameFile(row.frame, row.file, row.clip, row.time_s, row.image_sha256) for row in rows]
+    named_files = list[FrameFile]()
+    for row in frame_files.converted(table, Row, path):
+        check_box(row, path)
+        named_files.append(FrameFile(row.frame, row.file, row.clip, row.time_s, row.image_sha256))
     store = Store(str(path))
     known = named(read_manifest(store), path)
     frame_files.check_files(path, named_files)
     return of_rows(store, known, labels_sha256, FolderRows(table, FolderFiles(path, Masks(path).coded)))
+
+
+def check_box(row: Row, where: object) -> None:
+    """Refuse a row whose visible box lacks an edge, is empty, or is not in the picture."""
+    x0, y0, x1, y1 = edges = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
+    if x0 is None or y0 is None or x1 is None or y1 is None:
+        sound = edges == (None,) * 4
+    else:
+        sound = x0 < x1 <= row.width_px and y0 < y1 <= row.height_px
+    if not sound:
+        raise DatasetError(
+            f"{where}: frame {row.frame}: its box {edges} is none of {row.width_px} x {row.height_px} px"
+        )
 
 
 def of_rows(store: Store, known: Manifest, labels_sha256: str, rows: RowStore) -> Dataset:
@@ -468,12 +465,7 @@ def buffer_names(file: str) -> dict[str, str]:
 
 
 def read_all(paths: Sequence[str | Path], *splits: str) -> tuple[Dataset, ...]:
-    """Read datasets, and check that together they have frames in each of the splits.
-
-    Raises
-    ------
-    DatasetError
-    """
+    """Read datasets, and check that together they have frames in each of the splits."""
     if not paths:
         raise DatasetError("no dataset given")
     datasets = tuple(read(path) for path in paths)

@@ -21,17 +21,15 @@ import pyarrow as pa
 from simgrab.dataset import preview, sensor_files, shards, tables
 from simgrab.dataset import shard_reader as sharded
 from simgrab.dataset.card import HF_SPLITS
-from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names
+from simgrab.dataset.datasets import MANIFEST, Dataset, LabelledFrame, buffer_names, named
 from simgrab.dataset.shards import Packed
 from simgrab.dataset.summary import Summary, Tally
 from simgrab.dataset.tables import Contents, LabelWriter
 from simgrab.errors import DatasetError
 from simgrab.io import files
-from simgrab.io.destination import check_new_folder
+from simgrab.io.destination import check_new_folder, writing
 from simgrab.io.stores import Store, is_url
-from simgrab.model.scenario import Scenario
 from simgrab.model.truth import Row
-from simgrab.runtime.versions import Fingerprint
 
 Progress = Callable[[int, int], None]
 Add = Callable[[LabelledFrame], None]
@@ -43,38 +41,16 @@ _HF_GROUP_ROWS = 64  # pictures and all, in memory at once
 
 @dataclass(frozen=True)
 class ExportSource:
-    """A dataset that is exported.
+    """A dataset that is exported, and what its export is described by.
 
-    Attributes
-    ----------
-    dataset : Dataset
-    scenario : Scenario
-    core : dict
-        The part of its manifest that identifies the dataset.
-    rendered_by : Fingerprint
-    shard_frames : int
-        Frames in each file that contains several.
-    sensors : dict of str to str
-        SHA-256 of its sensor files, by name. Every format includes these files.
-    format : str
-    tally : Tally
-        Of all its frames.
+    ``shard_frames`` are those of each file that contains several. ``sensors`` are the SHA-256 of its sensor files by
+    name, which every format includes.
     """
 
     dataset: Dataset
-    scenario: Scenario
-    core: dict[str, Any]
-    rendered_by: Fingerprint
+    contents: Contents
     shard_frames: int
     sensors: dict[str, str]
-    format: str
-    tally: Tally
-
-    @property
-    def contents(self) -> Contents:
-        """What describes it."""
-        tiles = preview.tiles(self.dataset)
-        return Contents(self.core, self.scenario, self.rendered_by, tiles, self.tally, self.format)
 
 
 def export(
@@ -137,15 +113,13 @@ def export(
         check_new_folder(Path(out), DatasetError)
     opened = dataset if isinstance(dataset, Dataset) else sharded.open(dataset)
     source = _source(opened, shard_frames, format, part=part, leave_out_hidden=leave_out_hidden)
-    summary = Summary.of(out, source.tally, source.scenario, 0, source.rendered_by.digest)
+    about = source.contents
+    summary = Summary.of(out, about.tally, about.scenario, 0, about.rendered_by.digest)
     if is_url(out):
         _write(source, Store(str(out)), progress)
         return summary
-    try:
-        with files.drafted_folder(Path(out).absolute()) as draft:
-            _write(source, Store(str(draft)), progress)
-    except OSError as problem:
-        raise DatasetError(f"cannot write {out}: {problem.strerror or problem}") from None
+    with writing(out, DatasetError), files.drafted_folder(Path(out).absolute()) as draft:
+        _write(source, Store(str(draft)), progress)
     return summary
 
 
@@ -159,27 +133,20 @@ def _source(
     if leave_out_hidden and not (dataset := dataset.without_hidden()):
         raise DatasetError("no frame is left: all show less of the grab than labels.least_visible_fraction")
     known, where = dataset.manifest, f"{dataset.store.place}/{MANIFEST}"
-    try:
-        about = {key: value for key, value in known["renderer"].items() if key != "fingerprint"}
-        rendered_by = Fingerprint(**about)
-    except (LookupError, TypeError, AttributeError):
-        raise DatasetError(f"{where}: the renderer is missing") from None
+    about = named(known, where)
     core = {key: known[key] for key in known if key not in ("renderer", "files", "manifest_digest", "shards")}
     if not dataset.is_whole:
         core = {key: core[key] for key in core if key != "clamped"} | {"frames": len(dataset)}
         core["selection"] = {"of_frames": dataset.data.frames, "labels_sha256": dataset.data.labels_sha256}
-    scenario, functions = dataset.scenario, (core.get("extensions") or {}).get("functions", [])
-    varies = bool(scenario.vary) or any(one.get("role") == "randomiser" for one in functions)
+    scenario = dataset.scenario
+    varies = bool(scenario.vary) or any(one.role == "randomiser" for one in about.extensions.functions)
     each = shards.frames_of(scenario, shard_frames, varies=varies)
-    listed = known.get("files")
-    listed = listed if isinstance(listed, dict) else {}
-    carried: dict[str, str] = {}
-    for name in sensor_files.names(scenario):
-        if name not in listed:
-            raise DatasetError(f"{where}: it lists no {name}, which the scenario's sensors have")
-        carried[name] = str(listed[name])
+    carried = {name: about.files.get(name, "") for name in sensor_files.names(scenario)}
+    if missing := [name for name, digest in carried.items() if not digest]:
+        raise DatasetError(f"{where}: it lists no {missing[0]}, which the scenario's sensors have")
     tally = functools.reduce(Tally.__add__, (Tally.of([frame.truth], scenario) for frame in dataset), Tally())
-    return ExportSource(dataset, scenario, core, rendered_by, each, carried, format, tally)
+    contents = Contents(core, scenario, about.renderer, preview.tiles(dataset), tally, format)
+    return ExportSource(dataset, contents, each, carried)
 
 
 def _check_part(dataset: Dataset) -> None:
@@ -197,7 +164,7 @@ def _write(source: ExportSource, store: Store, progress: Progress | None) -> Non
         if hashlib.sha256(data).hexdigest() != digest:
             raise DatasetError(f"{source.dataset.store.place}: {name} was changed since it was written")
         store.write(name, data)
-    with FORMATS[source.format](source, store) as add:
+    with FORMATS[source.contents.layout](source, store) as add:
         for done, frame in enumerate(source.dataset, 1):
             add(frame)
             if progress:
@@ -207,9 +174,10 @@ def _write(source: ExportSource, store: Store, progress: Progress | None) -> Non
 @contextlib.contextmanager
 def _tables(source: ExportSource, store: Store, kind: str = "", coco: Collection[str] = ()) -> Iterator[tables.Add]:
     """Write tables, and at the end what describes the dataset; the manifest comes last."""
-    with tables.tables_of(store, source.core, source.scenario, kind, coco, metadata=False) as add:
+    about = source.contents
+    with tables.tables_of(store, about.core, about.scenario, kind, coco, metadata=False) as add:
         yield add
-    tables.describe(store, source.contents, source.sensors)
+    tables.describe(store, about, source.sensors)
 
 
 @contextlib.contextmanager
@@ -219,7 +187,10 @@ def _pictures(source: ExportSource, store: Store, *, kind: str = "", coco: bool 
 
         def add(frame: LabelledFrame) -> None:
             store.write(frame.truth.file, frame.content)
-            write(frame.truth, _mask(frame) if coco or kind == "seg" else None)
+            try:
+                write(frame.truth, frame.coded_mask if coco or kind == "seg" else None)
+            except ValueError as problem:  # of labels that contradict each other
+                raise DatasetError(f"{source.dataset.store.place}: frame {frame.truth.frame}: {problem}") from None
 
         yield add
 
@@ -269,12 +240,12 @@ def _voc_annotation(row: Row, file: str, *, labelled: bool) -> bytes:
 @contextlib.contextmanager
 def _webdataset(source: ExportSource, store: Store) -> Iterator[Add]:
     """Write each shard when its frames are complete."""
-    done: list[shards.Done] = []
+    about, done = source.contents, list[shards.Done]()
     frames: list[LabelledFrame] = []  # whose pictures are read when they are written
 
     def write() -> None:
-        packed = (Packed(frame.truth, _mask(frame), _files(frame)) for frame in frames)
-        done.append(shards.write(store, len(done), packed, source.scenario, source.rendered_by))
+        packed = (Packed(frame.truth, frame.coded_mask, _files(frame)) for frame in frames)
+        done.append(shards.write(store, len(done), packed, about.scenario, about.rendered_by))
         frames.clear()
 
     def add(frame: LabelledFrame) -> None:
@@ -285,19 +256,17 @@ def _webdataset(source: ExportSource, store: Store) -> Iterator[Add]:
     yield add
     if frames:
         write()
-    shards.finish(
-        store, source.core, source.shard_frames, done, source.scenario, source.rendered_by, source.sensors
-    )  # fmt: skip
+    shards.finish(store, about.core, source.shard_frames, done, about.scenario, about.rendered_by, source.sensors)
 
 
 @contextlib.contextmanager
 def _simgrab(source: ExportSource, store: Store) -> Iterator[Add]:
-    with tables.tables_of(store, source.core, source.scenario) as write:
+    with tables.tables_of(store, source.contents.core, source.contents.scenario) as write:
 
         def add(frame: LabelledFrame) -> None:
             for name, data in _files(frame).items():
                 store.write(name, data)
-            write(frame.truth, _mask(frame))
+            write(frame.truth, frame.coded_mask)
 
         yield add
     tables.finish(store, source.contents, source.sensors)
@@ -362,11 +331,6 @@ def _hf_schema() -> pa.Schema:
     ]
     about = {"info": {"features": {"image": {"_type": "Image"}}}}
     return pa.schema(fields, metadata={"huggingface": json.dumps(about)})
-
-
-def _mask(frame: LabelledFrame) -> dict[str, Any] | None:
-    mask = frame.coded_mask if frame.labelled else None
-    return None if mask is None else {"size": list(mask.size), "counts": mask.counts}
 
 
 def _files(frame: LabelledFrame) -> dict[str, bytes]:

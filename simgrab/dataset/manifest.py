@@ -19,7 +19,7 @@ def same_renderer(fingerprint: Fingerprint, first: Fingerprint | None, place: ob
     if first is not None and fingerprint != first:
         raise DatasetError(
             f"{place} was started with {first}, and this is {fingerprint}: "
-            "choose another --out, or delete what one of them rendered"
+            "choose another place, or delete what one of them rendered"
         )
     return fingerprint
 
@@ -27,11 +27,7 @@ def same_renderer(fingerprint: Fingerprint, first: Fingerprint | None, place: ob
 def identity(scenario: Scenario, extensions: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return the data that must be equal for two runs to make the same dataset; the renderer is compared apart.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    extensions : dict, optional
-        The manifest's entries for the user's own functions, if any.
+    ``extensions`` are the manifest's entries for the user's own functions, if any.
     """
     return {
         "simgrab": __version__,
@@ -44,15 +40,9 @@ def identity(scenario: Scenario, extensions: dict[str, Any] | None = None) -> di
 
 
 def compose(core: dict[str, Any], rendered_by: Fingerprint, digests: dict[str, str]) -> bytes:
-    """Compose the manifest, as JSON.
+    """Compose the manifest, as JSON, of an `identity` and more.
 
-    Parameters
-    ----------
-    core : dict
-        See `identity`.
-    rendered_by : Fingerprint
-    digests : dict of str to str
-        SHA-256 of the files, by name; those of the pictures are in the labels.
+    ``digests`` are the SHA-256 of the files, by name; those of the pictures are in the labels.
     """
     manifest = core | {
         "renderer": asdict(rendered_by) | {"fingerprint": rendered_by.digest},

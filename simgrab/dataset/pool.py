@@ -8,7 +8,6 @@ import itertools
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
 import cv2
@@ -47,9 +46,9 @@ class Vetted:
     seen : int
         Frames that show the grab.
     plan : Plan or None
-        Plan of the world; None if each clip has its own world.
+        Of the world; None if each clip has its own world.
     projections : dict of int to Projection
-        Projections of at most `MOST_PROJECTIONS` frames.
+        Of at most `MOST_PROJECTIONS` frames.
     """
 
     seen: int
@@ -62,14 +61,8 @@ def automatic(recipe: Recipe, *, by_clip: bool = False, shard_frames: int | None
 
     Software OpenGL uses several cores by itself, so a second process gains only a third, and each process builds its
     own worlds. A process pays off from `FRAMES_A_WORKER` frames on, or from `WORLDS_A_WORKER` worlds where worlds vary.
-
-    Parameters
-    ----------
-    recipe : Recipe
-    by_clip : bool
-        Whether one process renders a clip from beginning to end, as for videos.
-    shard_frames : int, optional
-        Frames that one process renders from beginning to end, as for a dataset of shards.
+    With ``by_clip`` one process renders a clip from beginning to end, as for videos; with ``shard_frames`` so many
+    frames, as for a dataset of shards.
     """
     scenario = recipe.scenario
     frames, clips = scenario.frames, scenario.clip.count(scenario.frames)
@@ -110,12 +103,7 @@ def _unpicklable(recipe: Recipe) -> str:
 
 
 def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
-    """Refuse a number of processes or a cluster that cannot render a recipe.
-
-    Raises
-    ------
-    DatasetError, ExtensionError, ClusterError
-    """
+    """Refuse a number of processes or a cluster that cannot render a recipe."""
     if workers < 1:
         raise DatasetError(f"workers must be 1 or more, got {workers}")
     why = _unpicklable(recipe) if workers > 1 or cluster is not None else ""
@@ -127,16 +115,7 @@ def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
 
 
 def vet(recipe: Recipe, frames: FrameNumbers | None = None, tick: Tick | None = None) -> Vetted:
-    """Refuse impossible frames.
-
-    Parameters
-    ----------
-    recipe : Recipe
-    frames : sequence of int, optional
-        Those of a clip together; all frames unless given.
-    tick : callable, optional
-        Called after each variant.
-    """
+    """Refuse impossible frames, of all or of these, a clip's together; ``tick`` is called after each variant."""
     k = recipe.scenario.camera.intrinsics
     seen, kept, plan, before = 0, dict[int, Projection](), None, None
     numbers = range(recipe.scenario.frames) if frames is None else frames
@@ -241,7 +220,7 @@ def fill(
     """
     if not output.check(resume=resume):
         return 0
-    with Workers(recipe, min(workers, output.most), cluster) as processes:
+    with contextlib.closing(Workers(recipe, min(workers, output.most), cluster)) as processes:
         if not output.begun:
             if not recipe.varies:  # its plan then serves `before` too
                 processes.known = vetted(processes)
@@ -261,22 +240,17 @@ def fill(
 
 
 class Workers:
-    """Make frames of one recipe in this process, in several, or on a cluster. Use as a context manager.
+    """Make frames of one recipe in this process, in several, or on a cluster; `close` ends them.
 
-    Each process of this machine has a frame generator, which lasts from one `map` to the next.
+    Each process of this machine has a frame generator, which lasts from one `map` to the next. ``known`` has the
+    results of checking the recipe, once there are any.
 
     Parameters
     ----------
-    recipe : Recipe
     count : int
         Processes; 1 is this one. The software renderer uses every core already, so more than one gains little there.
     cluster : str, optional
         Address of a Ray cluster that works in place of processes of this machine.
-
-    Attributes
-    ----------
-    known : Vetted or None
-        Results of checking the recipe, once there are any.
     """
 
     def __init__(self, recipe: Recipe, count: int = 1, cluster: str | None = None) -> None:
@@ -290,12 +264,6 @@ class Workers:
         """Whether this process makes the frames."""
         return self.count == 1 and self.cluster is None
 
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
     def close(self) -> None:
         """End the processes, and free OpenGL."""
         for one in (self._pool, self._generator):
@@ -308,6 +276,8 @@ class Workers:
     ) -> Generator[T, None, None]:
         """Call ``work`` for each unit, in any order, and yield the results. Close the iterator to stop.
 
+        Errors of ``work`` are raised unchanged, and `WorkerError` if processes die repeatedly at one unit.
+
         Parameters
         ----------
         work : callable
@@ -317,11 +287,6 @@ class Workers:
             Frames that are made one after another in one process.
         progress : callable
             Called with the number of frames done; it has reached the total before the last unit is yielded.
-
-        Raises
-        ------
-        WorkerError
-            If processes die repeatedly at one unit. Errors of ``work`` are raised unchanged.
         """
         found = self.known.projections if self.known else {}
         if not self.alone:

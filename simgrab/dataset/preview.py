@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.dataset import overlay
 from simgrab.io import pictures
+from simgrab.model import label_arrays as arrays
 from simgrab.model.truth import KEYPOINT_NAMES, Row
 
 if TYPE_CHECKING:
@@ -21,13 +21,8 @@ TILE_WIDTH = 640
 COLUMNS = 4
 MOST_TILES = 16
 CAPTION_HEIGHT = 24
-BOX, CENTRE, VERTICAL, POINT, HIDDEN_POINT = (
-    (60, 220, 60),
-    (40, 40, 255),
-    (255, 220, 60),
-    (255, 90, 255),
-    (170, 110, 170),
-)
+BOX, CENTRE, VERTICAL = (60, 220, 60), (40, 40, 255), (255, 220, 60)
+POINT, HIDDEN_POINT = (255, 90, 255), (170, 110, 170)
 
 
 def tiles(dataset: Dataset) -> Iterator[tuple[NDArray[np.uint8], Row]]:
@@ -60,8 +55,8 @@ def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
 
 def _draw_geometry(tile: NDArray[np.uint8], row: Row, scale: float) -> None:
     """Draw the principal point C', the image of the vertical G', the grab centre A', and the triangle they span."""
-    vertical = overlay.vertical(row)
-    principal = at(overlay.principal(row), scale)
+    vertical = arrays.vertical(row)
+    principal = at((row.cx_px, row.cy_px), scale)
     cv2.drawMarker(tile, principal, VERTICAL, cv2.MARKER_CROSS, 14, 1, cv2.LINE_AA)
     if np.isfinite(vertical).all():
         cv2.line(tile, principal, at(vertical, scale), VERTICAL, 1, cv2.LINE_AA)

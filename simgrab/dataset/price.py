@@ -31,19 +31,10 @@ _LEAST, _SHARE = 2, 0.05  # places at first; share of the time for it all, after
 
 @dataclass(frozen=True)
 class Price:
-    """What rendering takes.
+    """What rendering takes, in seconds and bytes on the disk, estimated from frames that were ``tried``.
 
-    Attributes
-    ----------
-    frames, worlds : int
-        Worlds are the draws of what varies; 1 if nothing does.
-    seconds : float
-    size : int
-        Bytes on the disk.
-    tried : int
-        Frames that were made for it.
-    by_worlds : bool
-        Whether worlds take more than half of the time, and have few frames each.
+    Worlds are the draws of what varies; 1 if nothing does. ``by_worlds``: they take more than half of the time, and
+    have few frames each.
     """
 
     frames: int
@@ -70,17 +61,12 @@ def announce(priced: Callable[[Price], None] | None, workers: Workers, *, files:
 
 
 def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Price:
-    """Estimate the price of a dataset, of a video or of both.
+    """Estimate the price of a dataset, of a video or of both; raises an error if a frame is impossible.
 
     Worlds are checked before, and a frame that begins a draw of what varies takes longer than the next. At a few places
     of the dataset a frame of each kind is made, by the processes that will make them all; these take at least the
     cores' time for it all. A video's size is at most that of its bit rate; one process renders a clip of it, and what
     coding takes is left out.
-
-    Raises
-    ------
-    ScenarioError, RendererError, ExtensionError
-        If a frame is impossible.
     """
     scenario, varies = workers.recipe.scenario, workers.recipe.varies
     frames, periods = scenario.frames, _periods(workers.recipe)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import msgspec
 
 from simgrab.errors import DatasetError, first_line
 from simgrab.io.journal import Journal
+from simgrab.model.masks import Coded
 from simgrab.model.truth import Row
 from simgrab.runtime.versions import Fingerprint
 
@@ -16,18 +16,10 @@ MOST_RECORD_BYTES = 2**24
 
 
 class FrameRecord(msgspec.Struct, frozen=True):
-    """Labels and mask of a stored frame.
-
-    Attributes
-    ----------
-    truth : Row
-    mask : dict
-        The visible grab in the whole picture, as COCO's compressed run lengths.
-    rendered_by : Fingerprint
-    """
+    """Labels, and the mask of the visible grab in the whole picture, of a stored frame."""
 
     truth: Row
-    mask: dict[str, Any]
+    mask: Coded
     rendered_by: Fingerprint
 
 

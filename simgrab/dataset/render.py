@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from simgrab.dataset import manifest, pool, preview, price, record, sensors, shards, stored, tables
-from simgrab.dataset.datasets import MANIFEST
+from simgrab.dataset.datasets import MANIFEST, named, read_manifest
 from simgrab.dataset.pool import FrameNumbers, Progress, Tick, Work
 from simgrab.dataset.price import Price
 from simgrab.dataset.record import StoredFrame
@@ -23,7 +23,6 @@ from simgrab.dataset.video.render import Clips, ClipWork
 from simgrab.errors import DatasetError
 from simgrab.io import pictures
 from simgrab.io.journal import Journal
-from simgrab.io.parse import read_json
 from simgrab.io.stores import Store, is_url
 from simgrab.model.records import frame_files
 from simgrab.model.scenario import Scenario
@@ -170,11 +169,11 @@ class _Folder:
         with ExitStack() as stack:
             stack.enter_context(self.journal.opened(self._core))
             clips = stack.enter_context(self._videos.opened()) if self._videos and self._films else []
-            units = self.journal.units()
-            done = {int(name.partition(".")[0]) for name in units}
-            missing = [frame for frame in range(self._recipe.scenario.frames) if frame not in done]
+            units, frames = self.journal.units(), range(self._recipe.scenario.frames)
+            done = [frame for frame in frames if record.unit(frame) in units]
+            missing = [frame for frame in frames if record.unit(frame) not in units]
             if done:
-                self._rendered_by = record.known(self.journal, min(done)).rendered_by
+                self._rendered_by = record.known(self.journal, done[0]).rendered_by
             yield self._clips(clips, missing) if self._films else self._groups(missing)
 
     def _clips(self, unfinished: list[FrameNumbers], missing: Sequence[int]) -> list[FrameNumbers]:
@@ -234,8 +233,8 @@ class _Folder:
     def summary(self, made: int) -> Summary:
         path, scenario = self.journal.folder, self._recipe.scenario
         rows, _, _ = frame_files.read_rows(path, TallyColumns)
-        written = read_json(path / MANIFEST, DatasetError)
-        return Summary.of(path, Tally.of(rows, scenario), scenario, made, written["renderer"]["fingerprint"])
+        known = named(read_manifest(self.journal.store), path)
+        return Summary.of(path, Tally.of(rows, scenario), scenario, made, known.renderer.digest)
 
 
 def _parts(frames: FrameNumbers, scenario: Scenario, most: int) -> list[FrameNumbers]:

@@ -68,12 +68,18 @@ def tables_of(clip: int, name: str, sensor: MotionSensor) -> tuple[str, str]:
 
 
 def describe(sensor: MotionSensor, body_from_sensor: Array | None, grab_kg: float) -> str:
-    """Describe a sensor, with the maker's figures, never with the drawn errors; see `yaml` and `description_of`.
+    """Describe a sensor with the maker's figures, never with the drawn errors; `description_of` names the file.
 
-    A controller's description states the empty grab's mass.
+    Parameters
+    ----------
+    sensor : MotionSensor
+    body_from_sensor : ndarray, shape (4, 4), or None
+        Nominal pose, T_BS.
+    grab_kg : float
+        Mass of the empty grab, for a controller's load cell.
     """
     if not isinstance(sensor, Controller):
-        return yaml(sensor, body_from_sensor)
+        return "".join(f"{line}\n" for line in _yaml(sensor, body_from_sensor))
     shared = {"rate_hz": sensor.rate_hz, "lag_s": sensor.lag_s, "jitter_s": sensor.jitter_s}
     counts = {
         "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg, {}),
@@ -92,19 +98,8 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None, grab_kg: floa
     )
 
 
-def yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> str:
-    """Describe a sensor as EuRoC's ``sensor.yaml`` does: with the maker's figures, never with the drawn errors.
-
-    Parameters
-    ----------
-    sensor : MotionSensor
-    body_from_sensor : ndarray, shape (4, 4), or None
-        Nominal pose, T_BS.
-    """
-    return "\n".join(_lines(sensor, body_from_sensor)) + "\n"
-
-
-def _lines(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str]:
+def _yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str]:
+    """Lines of EuRoC's ``sensor.yaml``."""
     kind, _, _ = sensor.__struct_config__.tag.partition("-")  # type: ignore[union-attr]  # all of them have one
     match sensor:
         case Imu() | Inclinometer() | Lidar() | SideCamera():

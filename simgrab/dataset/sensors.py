@@ -17,12 +17,7 @@ from simgrab.dataset.sensor_files import STAMP, description_of, folder_of, pictu
 from simgrab.dataset.tables import Writing
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import (
-    Lidar,
-    Scenario,
-    SideCamera,
-    Variant,
-)
+from simgrab.model.scenario import Lidar, Scenario, SideCamera, Variant
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs import design_of
 
@@ -47,20 +42,9 @@ def memory_bytes(scenario: Scenario) -> int:
 
 
 def write(recipe: Recipe, writing: Writing, recorded: Callable[[], None] = lambda: None) -> list[str]:
-    """Write the files of all clips, one clip after another.
+    """Write the files of all clips, one clip after another, and return their names.
 
-    Parameters
-    ----------
-    recipe : Recipe
-    writing : callable
-        See `simgrab.dataset.tables.Writing`.
-    recorded : callable, optional
-        Called whenever some seconds of a sensor are recorded.
-
-    Returns
-    -------
-    list of str
-        Names of the files.
+    ``recorded`` is called whenever some seconds of a sensor are recorded.
     """
     scenario = recipe.scenario
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):

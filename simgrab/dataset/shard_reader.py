@@ -68,16 +68,7 @@ class Place(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Shard:
-    """The frames of one shard, and the places of their pictures.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-    places : dict of int to Place
-        By number of the frame.
-    schema : pyarrow.Schema
-        Schema of its table, whose metadata names the scenario and the archives' digests.
-    """
+    """The frames of one shard, the places of their pictures by frame, and the schema of its table."""
 
     rows: tuple[Row, ...]
     places: dict[int, Place]
@@ -104,6 +95,8 @@ def parse_shard(data: bytes, where: str) -> Shard:
     except (ValueError, LookupError, TypeError) as problem:
         why = f"{type(problem).__name__}: {first_line(problem)}"
         raise DatasetError(f"{where}: not labels of a shard ({why})") from None
+    for row in rows:
+        datasets.check_box(row, where)
     return Shard(rows, {row.frame: place for row, place in zip(rows, places, strict=True)}, found.schema)
 
 
@@ -183,15 +176,7 @@ class _Archives:
 
 @dataclass(frozen=True)
 class ShardRows:
-    """The rows of shards, read shard by shard; see `simgrab.dataset.datasets.RowStore`.
-
-    Attributes
-    ----------
-    store : Store
-    manifest : Manifest
-    name : str or None
-        Name of the split; None for the whole dataset.
-    """
+    """The rows of shards, or of the split ``name``, read shard by shard; see `simgrab.dataset.datasets.RowStore`."""
 
     store: Store
     manifest: Manifest
@@ -268,13 +253,7 @@ def of_shards(store: Store, known: Manifest) -> Dataset:
 
 
 def read(store: Store) -> Dataset:
-    """Open a finished dataset of shards.
-
-    Raises
-    ------
-    DatasetError
-        If there is no dataset of shards, or it is unfinished.
-    """
+    """Open a finished dataset of shards; raises `DatasetError` if there is none, or it is unfinished."""
     if not store.exists(MANIFEST):
         state = "unfinished; continue with simgrab render --resume" if store.sizes() else "not a dataset"
         raise DatasetError(f"{store.place} is {state}: it has no {MANIFEST}")

@@ -30,6 +30,7 @@ from simgrab.io import parquet
 from simgrab.io.files import sha256
 from simgrab.io.journal import Journal
 from simgrab.io.stores import Store
+from simgrab.model.masks import Coded
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import Row
 from simgrab.runtime.versions import Fingerprint
@@ -41,16 +42,7 @@ _ABOUT = "simgrab_shard"  # key of the labels' metadata
 
 
 class ShardMetadata(msgspec.Struct, frozen=True):
-    """Description of a shard in the metadata of its labels.
-
-    Attributes
-    ----------
-    digest : str
-        Digest of the scenario.
-    rendered_by : Fingerprint
-    archives : dict of str to (int, str)
-        Size in bytes and SHA-256 of each archive, by name.
-    """
+    """Description of a shard in the metadata of its labels; ``archives`` have sizes in bytes and SHA-256."""
 
     digest: str
     rendered_by: Fingerprint
@@ -58,15 +50,7 @@ class ShardMetadata(msgspec.Struct, frozen=True):
 
 
 class Done(msgspec.Struct, frozen=True):
-    """Result of making a shard, as a process returns it.
-
-    Attributes
-    ----------
-    number : int
-    labels_sha256 : str
-    rendered_by : Fingerprint
-    tally : Tally
-    """
+    """Result of making a shard, as a process returns it."""
 
     number: int
     labels_sha256: str
@@ -75,14 +59,9 @@ class Done(msgspec.Struct, frozen=True):
 
 
 def frames_of(scenario: Scenario, frames: int | None, *, varies: bool) -> int:
-    """Frames of a shard: the requested number, but at most all frames.
+    """Frames of a shard: the requested number, but at most all frames; refuses a number below 1.
 
     They are rounded up to whole clips where worlds vary, and to all frames that share a draw.
-
-    Raises
-    ------
-    DatasetError
-        If the number is below 1.
     """
     wanted = FRAMES if frames is None else frames
     if wanted < 1:
@@ -131,7 +110,7 @@ class Packed(NamedTuple):
     """A frame in a shard: its row, its mask if detection labels contain a box, and its files by name."""
 
     row: Row
-    mask: dict[str, Any] | None
+    mask: Coded | None
     files: dict[str, bytes]
 
 
@@ -151,7 +130,7 @@ def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenari
             for file, data in files.items():
                 spot = writers[name].add(_member(file), data)
                 if file == row.file:
-                    rows.append((row, Place(name, *spot, mask["counts"] if mask else None)))
+                    rows.append((row, Place(name, *spot, mask.counts if mask else None)))
         for name, writer in writers.items():
             archives[name] = writer.close()
     labels = _labels(rows, ShardMetadata(scenario.digest(), rendered_by, dict(sorted(archives.items()))))
@@ -164,18 +143,14 @@ def finish(
     store: Store, core: dict[str, Any], frames: int, done: Sequence[Done], scenario: Scenario,
     rendered_by: Fingerprint, written: dict[str, str],
 ) -> None:  # fmt: skip
-    """Write the files that depend on all shards, given the frames of each; the manifest comes last.
+    """Write the files that depend on all shards, given the number of frames of each; the manifest comes last.
 
     Parameters
     ----------
-    store : Store
     core : dict
         See `simgrab.dataset.manifest.identity`.
-    frames : int
     done : sequence of Done
         All shards, by number.
-    scenario : Scenario
-    rendered_by : Fingerprint
     written : dict of str to str
         SHA-256 of the other files written, by name.
     """
@@ -185,7 +160,8 @@ def finish(
     if "selection" not in core:  # of which a manifest counts nothing
         core = core | tally.stated(scenario)
     core = core | {"shards": about}
-    dataset = shards.of_shards(store, msgspec.convert(core | {"files": digests}, Manifest))
+    known = msgspec.convert(core | {"files": digests, "renderer": rendered_by}, Manifest, from_attributes=True)
+    dataset = shards.of_shards(store, known)
     contents = tables.Contents(core, scenario, rendered_by, preview.tiles(dataset), tally, "webdataset")
     tables.describe(store, contents, digests)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any
 
 import cv2
 import msgspec
@@ -12,6 +11,7 @@ from pycocotools import mask as coco_mask
 
 from simgrab.dataset.record import FrameRecord, StoredFrame
 from simgrab.io.pictures import encode
+from simgrab.model.masks import Coded
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Iid
 from simgrab.model.truth import Row, Truth
@@ -42,7 +42,7 @@ def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
     digest = hashlib.sha256(files[name]).hexdigest()
     row = Row(**msgspec.structs.asdict(frame.truth), split=part, file=name, image_sha256=digest)
     fingerprint = generator.scene(number).renderer.fingerprint
-    return StoredFrame(FrameRecord(row, run_length_mask(frame.grab, row), fingerprint), files)
+    return StoredFrame(FrameRecord(row, _coded(frame.grab, row), fingerprint), files)
 
 
 def split(recipe: Recipe, frame: int) -> str:
@@ -57,10 +57,9 @@ def split(recipe: Recipe, frame: int) -> str:
     return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"
 
 
-def run_length_mask(grab: View, truth: Truth) -> dict[str, Any]:
-    """COCO's compressed run lengths, in the whole picture, of the grab's mask in a window."""
+def _coded(grab: View, truth: Truth) -> Coded:
+    """Code the grab's mask, seen in a window, in the whole picture."""
     mask = np.zeros((truth.height_px, truth.width_px), np.uint8, order="F")
     x0, y0, x1, y1 = grab.window
     mask[y0:y1, x0:x1] = grab.shows_grab
-    coded = coco_mask.encode(mask)
-    return {"size": list(coded["size"]), "counts": coded["counts"].decode("ascii")}
+    return Coded(mask.shape, coco_mask.encode(mask)["counts"].decode("ascii"))

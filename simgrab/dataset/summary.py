@@ -36,12 +36,8 @@ class Tally(msgspec.Struct, frozen=True):
         Frames in train, val and test.
     labelled, below_least : int
         Frames with a detection label, and those that show too little of the grab for one.
-    alpha_squares, alpha_max : float
-        Sum of α², deg²; the largest α, deg.
-    beta_min, beta_max : float
-        Tilt, deg.
-    shortest_m, longest_m : float
-        Rope.
+    alpha_squares : float
+        Sum of α², deg².
     clamped : tuple of 2 int
         Frames in which each of `simgrab.model.scenario.CLAMPABLE` was replaced by the nearest possible value.
     """

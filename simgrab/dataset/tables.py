@@ -29,6 +29,7 @@ from simgrab.io import models
 from simgrab.io.stores import Store
 from simgrab.model import label_arrays as arrays
 from simgrab.model.calibration import Calibration
+from simgrab.model.masks import Coded, coco_name
 from simgrab.model.records.frame_files import LABELS
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
@@ -82,22 +83,11 @@ def is_labelled(row: Row, scenario: Scenario) -> bool:
     return arrays.is_labelled(row, scenario.labels.least_visible_fraction)
 
 
-def _box(row: Row) -> tuple[int, int, int, int]:
-    box = (row.box_x0_px, row.box_y0_px, row.box_x1_px, row.box_y1_px)
-    assert None not in box
-    return box  # type: ignore[return-value]
-
-
 class Metadata:
     """``metadata.csv`` of one split, as Hugging Face's ``imagefolder`` reads it: ``file_name`` and numbers.
 
     Its columns are the numbers and truth values of ``labels.parquet``. In a column where numbers may be missing, whole
     numbers are written as ``3.0``, so that readers infer the same type for every split.
-
-    Parameters
-    ----------
-    file : text file
-        To write to.
     """
 
     def __init__(self, file: TextIO) -> None:
@@ -121,11 +111,6 @@ def metadata(rows: Iterable[Row], split: str) -> bytes:
     return text.getvalue().encode()
 
 
-def coco_name(split: str) -> str:
-    """Path of a split's COCO file in the dataset."""
-    return f"annotations/instances_{split}.json"
-
-
 def metadata_name(split: str) -> str:
     """Path of a split's ``metadata.csv`` in the dataset."""
     return f"images/{split}/metadata.csv"
@@ -138,16 +123,18 @@ def _numbers() -> dict[str, bool]:
     return {f.name: "None" in _kinds()[f.name] for f in labels_schema() if f.type in numbers}
 
 
-def annotation(row: Row, mask: dict[str, Any]) -> dict[str, Any]:
-    """One frame's COCO annotation; ``mask`` is the visible grab, as COCO's compressed run lengths."""
-    x0, y0, x1, y1 = _box(row)
+def annotation(row: Row, mask: Coded) -> dict[str, Any]:
+    """One frame's COCO annotation; ``mask`` is the visible grab."""
+    box, segmentation = arrays.box(row), msgspec.structs.asdict(mask)
+    assert box is not None
+    x0, y0, x1, y1 = map(int, box)
     return {
         "id": row.frame + 1,
         "image_id": row.frame,
         "category_id": 1,
         "bbox": [x0, y0, x1 - x0, y1 - y0],
-        "area": int(coco_mask.area(mask)),
-        "segmentation": mask,
+        "area": int(coco_mask.area(segmentation)),
+        "segmentation": segmentation,
         "iscrowd": 0,
         "keypoints": row.keypoints,
         "num_keypoints": sum(v > 0 for v in row.keypoints[2::3]),
@@ -159,12 +146,6 @@ class Coco:
 
     Boxes and masks are of the visible grab; keypoints keep simgrab's pixel convention, (0, 0) being the corner of
     the top-left pixel.
-
-    Parameters
-    ----------
-    file : text file
-        To write to.
-    scenario : Scenario
     """
 
     def __init__(self, file: TextIO, scenario: Scenario) -> None:
@@ -174,7 +155,7 @@ class Coco:
         info = {"description": f"simgrab {scenario.name}: {scenario.description}", "version": scenario.digest()[:16]}
         file.write(json.dumps({"info": info, "licenses": []})[:-1] + ', "images": [')
 
-    def add(self, row: Row, mask: dict[str, Any] | None) -> None:
+    def add(self, row: Row, mask: Coded | None) -> None:
         """Write a frame, and its annotation where detection labels hold a box."""
         image = {"id": row.frame, "file_name": row.file, "width": row.width_px, "height": row.height_px}
         self._file.write(", " * (self._images > 0) + json.dumps(image))
@@ -194,17 +175,7 @@ class Coco:
 
 
 class LabelWriter:
-    """``labels.parquet``, or a table of the same columns and more.
-
-    Parameters
-    ----------
-    file : binary file
-        To write to.
-    schema : pyarrow.Schema
-        Its metadata is the file's.
-    group_rows : int
-        Rows of a row group; a group is kept in memory.
-    """
+    """``labels.parquet``, or a table of the same columns and more; a row group of ``group_rows`` is kept in memory."""
 
     def __init__(self, file: BinaryIO, schema: pa.Schema, group_rows: int = _GROUP_ROWS) -> None:
         self._group_rows = group_rows
@@ -228,8 +199,8 @@ class LabelWriter:
         self._writer.close()
 
 
-Add = Callable[[Row, dict[str, Any] | None], None]
-"""Takes a row, and the visible grab as COCO's compressed run lengths where it is labelled."""
+Add = Callable[[Row, Coded | None], None]
+"""Takes a row, and the mask of the visible grab where it is labelled."""
 Writing = Callable[[str], AbstractContextManager[Path]]
 """Gives a path to write to for a file of the dataset, which takes its name when the context is left."""
 
@@ -260,20 +231,14 @@ def tables_of(
 
     Parameters
     ----------
-    store : Store
     core : dict
         The dataset's identity, which is kept in ``labels.parquet`` under the schema key ``simgrab``.
-    scenario : Scenario
     kind : str, optional
         Kind of YOLO's label files, beside which ``data.yaml`` is written; the scenario's unless given, none if empty.
     coco : collection of str
         Splits that get a COCO file.
     metadata : bool
         Whether splits get a ``metadata.csv``.
-
-    Yields
-    ------
-    Add
     """
     kind = scenario.labels.yolo if kind is None else kind
     with ExitStack() as stack:
@@ -287,7 +252,7 @@ def tables_of(
         instances = {split: stack.enter_context(closing(Coco(text(coco_name(split)), scenario))) for split in coco}
         tables: dict[str, Metadata | None] = {}
 
-        def add(row: Row, mask: dict[str, Any] | None) -> None:
+        def add(row: Row, mask: Coded | None) -> None:
             labels.add(msgspec.structs.asdict(row))
             if row.split in instances:
                 instances[row.split].add(row, mask)
@@ -311,8 +276,6 @@ class Contents:
     ----------
     core : dict
         See `simgrab.dataset.manifest.identity`.
-    scenario : Scenario
-    rendered_by : Fingerprint
     tiles : iterable of (ndarray, Row)
         Frames of the contact sheet, BGR.
     tally : Tally
@@ -341,12 +304,7 @@ def finish(store: Store, contents: Contents, digests: dict[str, str]) -> None:
 def describe(store: Store, contents: Contents, digests: dict[str, str]) -> None:
     """Write the contact sheet, the camera file, copies of users' own grabs, the card, and the manifest, which is last.
 
-    Parameters
-    ----------
-    store : Store
-    contents : Contents
-    digests : dict of str to str
-        SHA-256 of other files by name. The manifest has none of the card, which may be edited.
+    ``digests`` are the SHA-256 of other files by name. The manifest has none of the card, which may be edited.
     """
     core, scenario = contents.core, contents.scenario
     files = {preview.NAME: preview.of(contents.tiles)} | beside(scenario)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import msgspec
@@ -18,50 +18,40 @@ from simgrab.dataset.summary import least_visible
 from simgrab.io.stores import Store
 from simgrab.model import label_arrays as arrays
 from simgrab.model.geometry import Array
+from simgrab.model.masks import Coded
 from simgrab.model.records import frame_files
 from simgrab.model.scenario import Scenario
 from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row
 
-Mask = dict[str, Any]
-"""The visible grab as COCO's compressed run lengths."""
 INSET = 4e-7
 """Share of the picture by which polygons lie within their pixels: readers that round down in 32 bits get these."""
 _NEEDED = ("train", "val")
 
 
 class YoloKind(NamedTuple):
-    """A kind of label files.
+    """A kind of label files: numbers after the class, lines of ``data.yaml`` besides those of all, and decimals."""
 
-    Attributes
-    ----------
-    values : callable
-        Gives the numbers after the class, of a labelled row, its visible box and its mask.
-    yaml : tuple of str
-        Lines of ``data.yaml`` besides those of all kinds.
-    digits : int
-        Decimals of the numbers.
-    """
-
-    values: Callable[[Row, Array, Mask | None], Array]
+    values: Callable[[Row, Array, Coded | None], Array]
     yaml: tuple[str, ...] = ()
     digits: int = 10
 
 
-def _box(row: Row, box: Array, _mask: Mask | None) -> Array:
+def _box(row: Row, box: Array, _mask: Coded | None) -> Array:
     return (np.array([(box[:2] + box[2:]) / 2, box[2:] - box[:2]]) / _size(row)).ravel()
 
 
-def _pose(row: Row, box: Array, _mask: Mask | None) -> Array:
+def _pose(row: Row, box: Array, _mask: Coded | None) -> Array:
     points = np.reshape(row.keypoints, (-1, 3)) / (*_size(row), 1)
     return np.concatenate([_box(row, box, None), points.ravel()])
 
 
-def _polygon(row: Row, box: Array, mask: Mask | None) -> Array:
-    assert mask is not None
-    return (outline(np.asarray(coco_mask.decode(mask)), *map(int, box)) / _size(row)).ravel()
+def _polygon(row: Row, box: Array, mask: Coded | None) -> Array:
+    if mask is None:
+        raise ValueError("it has a box and no mask")
+    return (outline(np.asarray(coco_mask.decode(msgspec.structs.asdict(mask))), *map(int, box)) / _size(row)).ravel()
 
 
-def _oriented(row: Row, box: Array, _mask: Mask | None) -> Array:
+def _oriented(row: Row, box: Array, _mask: Coded | None) -> Array:
     """Corners of the whole silhouette's oriented box; of the visible box where one of them is not in the picture."""
     corners = _corners(row)
     return (box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2) / _size(row)).ravel() if corners is None else corners.ravel()
@@ -115,17 +105,10 @@ def name(row: Row) -> str:
     return f"labels/{row.split}/{row.frame:06d}.txt"
 
 
-def label(row: Row, mask: Mask | None, scenario: Scenario, kind: str) -> bytes:
+def label(row: Row, mask: Coded | None, scenario: Scenario, kind: str) -> bytes:
     """One frame's label file: a line of the class and shares of the picture, or nothing.
 
-    Parameters
-    ----------
-    row : Row
-    mask : dict, optional
-        Needed for polygons of a labelled row.
-    scenario : Scenario
-    kind : str
-        One of `KINDS`.
+    ``kind`` is one of `KINDS`. The mask is needed for polygons of a labelled row.
     """
     box = arrays.box(row)
     if box is None or not arrays.is_labelled(row, scenario.labels.least_visible_fraction):
@@ -163,25 +146,16 @@ def stand_ins(full: Collection[str], layout: str) -> list[str]:
 
 
 def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Array:
-    """Outline the pixels of a mask by one polygon.
+    """Outline the pixels of a mask of the whole picture by one polygon of corners x, y, px, shape (n, 2).
 
     It joins the middles of the pixels' outer edges, `INSET` within them, and leaves out those on a straight line. So it
     separates the same pixel centres as the edges do. Parts and holes are joined by lines that the polygon passes twice.
-
-    Parameters
-    ----------
-    mask : ndarray of uint8, shape (height, width)
-        Of the whole picture.
-    x0, y0, x1, y1 : int
-        Box of its pixels, half open.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        Corners x, y, px.
+    ``x0`` to ``y1`` are the box of its pixels, half open.
     """
     doubled = mask[y0:y1, x0:x1].repeat(2, axis=0).repeat(2, axis=1)  # corners of a pixel are pixels of their own
     found, _ = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if not found:
+        raise ValueError("no pixel of its mask lies in its box")
     paths = sorted((_middles(contour[:, 0]) for contour in found), key=len)
     joined = paths.pop()
     tree = KDTree(joined)
@@ -197,10 +171,7 @@ def outline(mask: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> Arra
 def _middles(corners: NDArray[np.int32]) -> NDArray[np.int32]:
     """Find the middles of a contour's edges in quarters of a pixel, of which 1 is a left or upper edge and 3 another.
 
-    Parameters
-    ----------
-    corners : ndarray, shape (n, 2)
-        Contour of a mask in which each pixel is 2x2.
+    The contour, shape (n, 2), is of a mask in which each pixel is 2x2.
     """
     following = np.roll(corners, -1, axis=0)
     edges = (corners // 2 == following // 2).all(axis=1)

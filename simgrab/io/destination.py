@@ -24,13 +24,7 @@ LONGEST_INSIDE = 200
 def check_folder(path: Path, refuse: Refuse, option: str = "--out") -> None:
     """Refuse a path at which no folder can be made, or whose parent folder cannot be written.
 
-    Parameters
-    ----------
-    path : Path
-    refuse : callable
-        Makes the error to raise from a line with path and reason.
-    option : str
-        Option that chooses another place.
+    ``refuse`` makes the error to raise from a line with path and reason; ``option`` chooses another place.
     """
     found = _lookup(path, refuse, option)
     if found is not None and not stat.S_ISDIR(found):

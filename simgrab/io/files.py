@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import functools
 import glob
 import hashlib
 import os
@@ -28,14 +29,9 @@ def drafted(path: Path) -> Iterator[Path]:
     """Yield a file to write to. It replaces ``path`` once it is complete on the disk.
 
     This holds if the process or the machine stops at any time. After an error the draft is removed and ``path`` is
-    unchanged. Missing folders are made.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
+    unchanged. Missing folders are made. Raises `OSError` if it cannot be written.
     """
-    with _draft(path, _new_file) as draft:
+    with _draft(path, functools.partial(Path.touch, exist_ok=False)) as draft:
         yield draft
         _to_disk(draft)
         draft.replace(path)
@@ -68,12 +64,8 @@ def sha256(path: Path) -> str:
 def drafted_folder(path: Path) -> Iterator[Path]:
     """Yield a folder to write into. It is renamed to ``path`` at the end; a folder there must be empty.
 
-    This holds if the process stops at any time; files lost when the machine stops are not handled.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
+    This holds if the process stops at any time; files lost when the machine stops are not handled. Raises `OSError` if
+    it cannot be written.
     """
     with _draft(path, Path.mkdir) as draft:
         yield draft
@@ -82,25 +74,13 @@ def drafted_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def scratch(path: Path) -> Iterator[Path]:
-    """Yield a hidden folder beside ``path`` to work in; it is removed at the end.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made.
-    """
+    """Yield a hidden folder beside ``path`` to work in; it is removed at the end."""
     with _draft(path, Path.mkdir) as folder:
         yield folder
 
 
 def discard(path: Path) -> None:
-    """Remove a folder or file in one step: it is never left half removed under its name.
-
-    Raises
-    ------
-    OSError
-        If it cannot be moved.
-    """
+    """Remove a folder or file in one step: it is never left half removed under its name."""
     with scratch(path) as folder:
         path.replace(folder / path.name)
 
@@ -115,15 +95,10 @@ def remove_left(path: Path) -> None:
 
 @contextlib.contextmanager
 def locked(lock: Path, *, wait: bool = False) -> Iterator[None]:
-    """Lock a file against other processes and threads; it is made if missing.
+    """Lock a file against other processes and threads; it is made if missing, and its content is not changed.
 
-    It stays locked until the context is left or the process ends. Its content is not changed.
-
-    Parameters
-    ----------
-    lock : Path
-    wait : bool
-        Wait until another process or thread unlocks it.
+    It stays locked until the context is left or the process ends. With ``wait``, wait until another process or thread
+    unlocks it.
 
     Raises
     ------
@@ -163,21 +138,9 @@ def _draft(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
         yield draft
 
 
-def _new_file(path: Path) -> None:
-    path.touch(exist_ok=False)
-
-
 @contextlib.contextmanager
 def _locked(path: Path, how: int = 0, flags: int = os.O_RDONLY) -> Iterator[int]:
-    """Lock the file or folder that has this name, and return its descriptor.
-
-    Raises
-    ------
-    FileNotFoundError
-        If it no longer has this name.
-    OSError
-        If it cannot be opened or locked.
-    """
+    """Lock the file or folder that has this name, and return its descriptor; refuse one that has lost it."""
     handle = os.open(path, flags | _ITSELF, 0o666)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | how)

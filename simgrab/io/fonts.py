@@ -26,12 +26,8 @@ _LARGEST = 4  # ems that a character may reach from the middle of its baseline
 def read(path: str | Path, refuse: Refuse) -> ModelFile:
     """Read a font, and keep it for `simgrab.io.models.recall`.
 
-    Parameters
-    ----------
-    path : str or Path
-    refuse : callable
-        Makes the error to raise from a message, for a file that cannot be read, is larger than `MOST_BYTES`, is not a
-        font, or lacks one of `CHARACTERS`.
+    ``refuse`` makes the error to raise from a message, for a file that cannot be read, is larger than `MOST_BYTES`, is
+    not a font, or lacks one of `CHARACTERS`.
     """
     path = Path(path)
     _check_name(path.name, refuse)

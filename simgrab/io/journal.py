@@ -33,7 +33,7 @@ class Journal:
     Parameters
     ----------
     store : Store
-        Store of the result. Its drafts, if any, are made in the working folder.
+        Its drafts, if any, are made in the working folder.
     partial : str
         Name of the working folder. Empty if any number of processes on any machines may write: then there is no lock
         and there are no records, and ``claim`` alone marks the result as unfinished.
@@ -56,9 +56,9 @@ class Journal:
     name: str = ""
 
     @classmethod
-    def of(cls, path: Path, **changes: Any) -> Journal:
-        """Keep the journal of a result in a folder."""
-        return cls(Store(str(path), drafts=PARTIAL), **changes)
+    def of(cls, path: Path) -> Journal:
+        """Keep the journal of a dataset in a folder."""
+        return cls(Store(str(path), drafts=PARTIAL))
 
     @property
     def folder(self) -> Path:
@@ -73,19 +73,10 @@ class Journal:
         return self.known(self.claim) is not None or self.known(self.whole) is not None
 
     def check(self, identity: dict[str, Any], *, resume: bool) -> bool:
-        """Refuse a place that cannot be used, or that contains anything else.
+        """Refuse a place that cannot be used or contains anything else; return whether anything remains to be made.
 
-        Parameters
-        ----------
-        identity : dict
-            Data that define the result.
-        resume : bool
-            Go on with an unfinished result of the same identity; leave a finished one as it is.
-
-        Returns
-        -------
-        bool
-            Whether anything remains to be made. Leftovers of a finished result whose end was interrupted are removed.
+        With ``resume``, go on with an unfinished result of the same ``identity``, the data that define the result, and
+        leave a finished one as it is. Leftovers of a finished result whose end was interrupted are removed.
         """
         if self.store.folder is not None:
             check_folder(self.folder, self.store.refuse, self.option)

@@ -28,16 +28,7 @@ _BATCHES_TOGETHER = 64  # copied into one piece: many small ones take twice the 
 
 
 def read_table(path: str | Path, refuse: Refuse, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a parquet file.
-
-    Parameters
-    ----------
-    path : path
-    refuse : callable
-        Makes the error to raise from a line with file and reason.
-    columns : sequence of str, optional
-        Names of the columns to read; all by default.
-    """
+    """Read a parquet file, or some of its columns; ``refuse`` makes the error to raise from a line."""
     with opened(path, refuse, most_bytes=MOST_BYTES) as file:
         return parse_table(file, refuse, cannot(path), columns)
 
@@ -105,26 +96,14 @@ def _is_plain(kind: pa.DataType) -> bool:
 
 
 def groups(path: Path) -> Iterator[pa.Table]:
-    """Read a table that simgrab wrote, one row group at a time.
-
-    Raises
-    ------
-    OSError, pyarrow.ArrowException
-        If it cannot be read.
-    """
+    """Read a table that simgrab wrote, one row group at a time. Errors are those of the file system and of Arrow."""
     with path.open("rb") as opened, pq.ParquetFile(opened, pre_buffer=False) as file:
         for group in range(file.num_row_groups):
             yield file.read_row_group(group, use_threads=False)
 
 
 def write(table: pa.Table, path: Path, **options: Any) -> None:
-    """Write a table; ``options`` are of `pyarrow.parquet.write_table`.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Write a table; ``options`` are of `pyarrow.parquet.write_table`. Errors are those of the file system."""
     with path.open("wb") as file:
         pq.write_table(table, file, **options)
 

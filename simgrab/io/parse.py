@@ -36,26 +36,16 @@ _MOST_GROWTH = 2**20  # bytes of a file, while it is read
 MOST_SHOWN = 80  # characters of a value in a message
 LEAST_INTEGER, MOST_INTEGER = -(2**63), 2**63 - 1
 
-_KINDS = (
-    (stat.S_ISREG, "a file"),
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a pipe"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-)
+_KINDS = {
+    stat.S_IFREG: "a file", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
+}  # fmt: skip
 
 
 def read_toml(path: str | Path, refuse: Refuse, kind: str = "") -> dict[str, Any]:
-    """Read a TOML file.
+    """Read a TOML file; ``refuse`` makes the error to raise from a line with file and reason.
 
-    Parameters
-    ----------
-    path : path
-    refuse : callable
-        Makes the error to raise from a line with file and reason.
-    kind : str
-        Name of this kind of file in messages, e.g. ``"camera file"``.
+    ``kind`` is the name of this kind of file in messages, e.g. ``"camera file"``.
     """
     text = read_text(path, refuse, kind, most_bytes=MOST_TOML_BYTES)
     return parse_toml(text, refuse, f"{cannot(path, kind)}: it is not valid TOML")
@@ -152,7 +142,7 @@ def cannot(path: str | Path, kind: str = "") -> str:
 
 def kind_of(mode: int) -> str:
     """Name the kind of a file from its mode."""
-    return next((name for is_it, name in _KINDS if is_it(mode)), "something else")
+    return _KINDS.get(stat.S_IFMT(mode), "something else")
 
 
 def why_not_read(path: str | Path, problem: Exception) -> str:

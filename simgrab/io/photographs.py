@@ -7,6 +7,7 @@ bytes are kept in the process (`simgrab.io.models`).
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -38,20 +39,15 @@ Picture = NDArray[np.uint8]
 
 
 def read(path: str | Path, refuse: Refuse) -> ModelFile:
-    """Read a photograph, a video, or a folder's photographs, and keep them for `simgrab.io.models.recall`.
+    """Read a photograph, a video, or the pictures of a folder, and keep them for `simgrab.io.models.recall`.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file, or a folder whose pictures are those that `simgrab.io.pictures.of` lists.
-    refuse : callable
-        Makes the error to raise from a message, for files that cannot be read or decoded, are larger than
-        `simgrab.io.models.MOST_BYTES` in total, or than `MOST_PIXELS` each.
+    ``refuse`` makes the error to raise from a message, for files that cannot be read or decoded, are larger than
+    `simgrab.io.models.MOST_BYTES` in total, or than `MOST_PIXELS` each.
     """
     path, left = Path(path), MOST_BYTES
     if not is_dir(path, refuse):
         return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=left)}, refuse)
-    root, files = path.resolve(), dict[str, bytes]()
+    root, files = Path(os.path.realpath(path)), dict[str, bytes]()  # `Path.resolve` raises at a loop of links
     path = path if path.name not in ("", "..") else root
     if not path.name:
         raise refuse(f"{path} is the root of a disk; name a folder of photographs")
@@ -60,7 +56,7 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     except OSError as problem:
         raise refuse(f"{path}: cannot be listed ({first_line(problem)})") from None
     for file in listed:
-        if not file.resolve().is_relative_to(root):
+        if not Path(os.path.realpath(file)).is_relative_to(root):
             raise refuse(f"{file.name} is a link to a file outside {path.name}")
         if len(files) >= MOST_FILES:
             raise refuse(f"{path.name} has more than {MOST_FILES} photographs")
@@ -87,18 +83,7 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile
 
 
 class Sequence:
-    """The pictures of a model that `read` has read, by number.
-
-    Parameters
-    ----------
-    model : ModelFile
-    refuse : callable
-
-    Attributes
-    ----------
-    is_video : bool
-        Whether pictures follow each other in time.
-    """
+    """The pictures of a model that `read` has read, by number; those of a video follow each other in time."""
 
     def __init__(self, model: ModelFile, refuse: Refuse) -> None:
         self._model, self._refuse = model, refuse

@@ -49,18 +49,8 @@ _TIFF_UNSIGNED = {1, 4}  # formats of values, or not stated; others are signed o
 def of(folder: Path, suffixes: Collection[str] = SUFFIXES, *, below: bool = False) -> tuple[Path, ...]:
     """Picture files of a folder, sorted by the numbers in their names; only those that `is_visible` accepts.
 
-    Parameters
-    ----------
-    folder : Path
-    suffixes : collection of str
-        In lower case, with the dot; the files' own suffixes may be in upper case.
-    below : bool
-        Whether to list the pictures of subfolders too.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be listed.
+    Suffixes are in lower case, with the dot; the files' own may be in upper case. With ``below``, pictures of
+    subfolders are listed too. Raises `OSError` if the folder cannot be listed.
     """
     found = (
         path for path in (folder.rglob("*") if below else folder.iterdir())
@@ -85,16 +75,8 @@ def bits(files: Sequence[Path]) -> int | None:
     """Find how many bits the values of a folder's 16-bit pictures have: cameras store 10, 12 or 14 of them in 16.
 
     The files may state the number (PNG's ``sBIT``, TIFF's ``MaxSampleValue``). Otherwise it follows from the greatest
-    value in a few pictures spread over the folder. All pictures of the folder are scaled alike.
-
-    Parameters
-    ----------
-    files : sequence of Path
-
-    Returns
-    -------
-    int or None
-        8, 10, 12, 14 or 16, or the stated number; None if the pictures read are not 16-bit pictures.
+    value in a few pictures spread over the folder: 8, 10, 12, 14 or 16. None if the pictures read are not 16-bit
+    pictures. All pictures of the folder are scaled alike.
     """
     greatest, stated = -1, 0
     for path in files[:: max(len(files) // _LOOKED_AT, 1)]:
@@ -114,12 +96,11 @@ def scaled(bits: int | None) -> str:
 
 
 def read(path: Path, bits: int | None = None) -> NDArray[np.uint8]:
-    """Read a picture file.
+    """Read a JPEG, PNG, BMP, TIFF or WebP, by its content: RGB, turned as EXIF states, without transparency.
 
     Parameters
     ----------
     path : Path
-        JPEG, PNG, BMP, TIFF or WebP, by its content.
     bits : int, optional
         Bits of a 16-bit picture's values, as `bits` finds them in the folder. Unless given, a picture whose values are
         all below 2¹⁴ is refused: it may have 14 bits or fewer, or be dark.
@@ -127,7 +108,6 @@ def read(path: Path, bits: int | None = None) -> NDArray[np.uint8]:
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
-        RGB, turned as EXIF states, without transparency.
 
     Raises
     ------
@@ -147,13 +127,7 @@ def _bytes(path: Path) -> bytes:
 def decode(data: bytes, path: Path | str, bits: int | None = None, *, half: bool = False) -> NDArray[np.uint8]:
     """Decode the bytes of a picture file; see `read`. ``path`` is for the message.
 
-    Parameters
-    ----------
-    data : bytes
-    path : path or str
-    bits : int, optional
-    half : bool
-        Decode a JPEG at half its size, in a fraction of the time.
+    With ``half``, a JPEG is decoded at half its size, in a fraction of the time.
 
     Raises
     ------

@@ -68,15 +68,10 @@ _SKEW = 0.01  # of a display matrix, whose entries are rounded
 
 
 def open_video(source: str | BinaryIO, refuse: Refuse) -> InputContainer:
-    """Open a video file or the URL of a stream. Files that it names are not opened, so playlists are refused.
+    """Open a video file, or the URL of a stream. Files that it names are not opened, so playlists are refused.
 
-    Parameters
-    ----------
-    source : str or binary file
-        A URL, or an open file.
-    refuse : callable
-        Makes the error to raise from a message, for a video that cannot be opened, or whose pictures are missing or too
-        large.
+    ``refuse`` makes the error to raise from a message, for a video that cannot be opened, or whose pictures are missing
+    or too large.
     """
     formats, protocols = (FORMATS, ("none",)) if not isinstance(source, str) else (FORMATS + STREAM_FORMATS, PROTOCOLS)
     rules = {"format_whitelist": ",".join(formats), "protocol_whitelist": ",".join(protocols)}
@@ -128,14 +123,7 @@ def squared(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
 
 
 class Playback:
-    """Shows the frames of one stream.
-
-    Parameters
-    ----------
-    stream : VideoStream
-    refuse : callable
-        Makes the error to raise from a message, for frames that are not turned by a multiple of 90°.
-    """
+    """Shows the frames of one stream; refuses frames that are not turned by a multiple of 90°."""
 
     def __init__(self, stream: VideoStream, refuse: Refuse) -> None:
         self.aspect = aspect_of(stream)

@@ -25,17 +25,10 @@ def names(folder: Path) -> list[str]:
 
 
 def find(wanted: str | Path, folder: Path, kind: str, kinds: str, refuse: Callable[[str], Exception]) -> Path:
-    """Find a bundled TOML file by its name, or any file by its path.
+    """Find a bundled TOML file by its name in a folder, or any file by its path.
 
-    Parameters
-    ----------
-    wanted : str or path
-    folder : Path
-        Folder of the bundled files.
-    kind, kinds : str
-        Singular and plural name of this kind of file in messages.
-    refuse : callable
-        Makes the error to raise from a line that lists the valid names.
+    ``kind`` and ``kinds`` are the singular and plural name of this kind of file in messages; ``refuse`` makes the error
+    to raise from a line that lists the valid names.
     """
     if not isinstance(wanted, str | os.PathLike):
         raise refuse(f"a {kind} is a name or a path, got {type(wanted).__name__}")

@@ -38,21 +38,10 @@ sys.exit(cascadio.step_to_glb(
 
 
 def glb(path: str | Path, refuse: Refuse, *, tolerance_mm: float = 2.0) -> bytes:
-    """Convert a STEP file.
+    """Convert a STEP file to a GLB file in metres, y up, with the names of the STEP file's parts.
 
-    Parameters
-    ----------
-    path : str or Path
-    refuse : callable
-        Makes the error to raise from a message, for a file that is not STEP, contains no surface or exceeds the limits
-        of time or memory, and if `cascadio` is missing.
-    tolerance_mm : float
-        Largest distance of a facet from the exact surface, mm.
-
-    Returns
-    -------
-    bytes
-        A GLB file in metres, y up, with the names of the STEP file's parts.
+    Facets are at most ``tolerance_mm`` from the exact surface. ``refuse`` makes the error to raise from a message, for
+    a file that is not STEP, contains no surface or exceeds the limits of time or memory, and if `cascadio` is missing.
     """
     path = Path(path)
     if importlib.util.find_spec("cascadio") is None:

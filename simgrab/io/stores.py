@@ -42,8 +42,8 @@ def is_url(place: object) -> bool:
 class Store:
     """Files below a place. It can be pickled; each process opens a connection of its own.
 
-    Any error of a driver is raised as one line. Before that, requests to remote stores are repeated with growing
-    pauses.
+    Any error of a driver is raised as one line, which ``refuse`` makes an error of. Before that, requests to remote
+    stores are repeated with growing pauses.
 
     Parameters
     ----------
@@ -54,8 +54,6 @@ class Store:
         Of a folder: name of a folder below it in which files are drafted. Drafts there are not synchronised with the
         disk, and those left by a dead process are not removed. By default drafts lie beside their files, are
         synchronised, and are removed.
-    refuse : callable
-        Makes the error to raise from a line.
     """
 
     place: str
@@ -148,14 +146,13 @@ class Store:
     def read(self, name: str, *, most_bytes: int, span: tuple[int, int] | None = None) -> bytes:
         """Read a file, or a span of its bytes (start included, end excluded).
 
-        Raises
-        ------
-        DatasetError
-            If it is missing, or longer than ``most_bytes``.
+        It is refused if it is missing, or longer than ``most_bytes``.
         """
         start, end = span or (0, None)
-        if span is None and (found := self._size(name)) > most_bytes:
-            raise self.refuse(f"{self.place}: {name} has {found} bytes; the limit is {most_bytes}")
+        if span is None:
+            found = int(self._tried(f"read {name} of", lambda: self._opened[0].info(self._path(name)))["size"])
+            if found > most_bytes:
+                raise self.refuse(f"{self.place}: {name} has {found} bytes; the limit is {most_bytes}")
 
         def attempt() -> bytes:
             return bytes(self._opened[0].cat_file(self._path(name), start=start, end=end))
@@ -164,9 +161,6 @@ class Store:
         if span is not None and len(data) != span[1] - span[0]:
             raise self.refuse(f"{self.place}: {name} is cut off")
         return data
-
-    def _size(self, name: str) -> int:
-        return int(self._tried(f"read {name} of", lambda: self._opened[0].info(self._path(name)))["size"])
 
     def sha256(self, name: str) -> str:
         """SHA-256 of a file."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simgrab.model.geometry import Array, Distortion, Intrinsics, Pose
+from simgrab.model.geometry import Array, Distortion, Intrinsics, Pose, vertical_direction
 from simgrab.model.truth import Boxed, Truth
 
 _STEP_M = 0.05  # along the grab's x axis, to see its direction in the picture
@@ -60,6 +60,12 @@ def intrinsics(row: Truth) -> Intrinsics:
     """Give a frame's pinhole and its lens."""
     lens = Distortion(row.k1, row.k2, row.p1, row.p2, row.k3)
     return Intrinsics(row.width_px, row.height_px, row.fx_px, row.cx_px, row.cy_px, lens)
+
+
+def vertical(row: Truth) -> Array:
+    """Give G', the image of the vertical, px as the picture has it, shape (2,); NaN beyond the fold of the lens."""
+    k, axis = intrinsics(row), vertical_direction(*np.radians((row.tilt_azimuth_deg, row.roll_deg)))
+    return k.distort(k.from_polar(k.f_px * np.tan(np.radians(row.beta_deg)), 0.0, axis))
 
 
 def half_turn(angle: float) -> float:

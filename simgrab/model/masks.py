@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -39,10 +40,21 @@ class Coded(msgspec.Struct, frozen=True):
 
     def decoded(self, row: Row, where: object) -> NDArray[np.bool_]:
         """Decode, shape (height, width); raises `DatasetError` if it is not a mask of the row's picture."""
+        with self._refusing(row, where):
+            return _decoded(self.counts, *self.size)
+
+    def checked(self, row: Row, where: object) -> Coded:
+        """Return it as it is; raises `DatasetError` if it is of another size, or the COCO API would read beyond it."""
+        with self._refusing(row, where):
+            _check_runs(self.counts)
+        return self
+
+    @contextmanager
+    def _refusing(self, row: Row, where: object) -> Iterator[None]:
         try:
             if self.size != (row.height_px, row.width_px):
                 raise ValueError(f"it is of {self.size[1]} x {self.size[0]} px")
-            return _decoded(self.counts, *self.size)
+            yield
         except ValueError as problem:
             raise DatasetError(
                 f"{where}: the mask of frame {row.frame} does not have {row.width_px} x {row.height_px} px: {problem}"
@@ -84,7 +96,7 @@ class Masks:
         DatasetError
             If the file cannot be read.
         """
-        file = coco_file(self._path, row.split)
+        file = self._path / coco_name(row.split)
         if row.split not in self._spans:
             self._spans[row.split] = _spans(file)
         if row.frame not in self._spans[row.split]:
@@ -96,9 +108,9 @@ class Masks:
         return _parsed(data, Coded, file)
 
 
-def coco_file(path: Path, split: str) -> Path:
-    """Path of the COCO file of one split of the dataset in a folder."""
-    return path / "annotations" / f"instances_{split}.json"
+def coco_name(split: str) -> str:
+    """Path of a split's COCO file in the dataset."""
+    return f"annotations/instances_{split}.json"
 
 
 def _spans(file: Path) -> _Spans:
@@ -123,13 +135,17 @@ def _refusal(file: Path) -> Callable[[object], DatasetError]:
     return lambda why: DatasetError(f"{file}: not readable COCO labels ({why})")
 
 
+def _check_runs(counts: str) -> None:
+    if not _RUNS.fullmatch(counts):
+        raise ValueError("its run lengths cannot be decoded")
+
+
 def _decoded(counts: str, height: int, width: int) -> NDArray[np.bool_]:
     """Decode compressed run lengths that the COCO API wrote; raises ValueError if they do not fill the picture.
 
     The API itself reads beyond a text with an incomplete last run, and leaves pixels after the last run undefined.
     """
-    if not _RUNS.fullmatch(counts):
-        raise ValueError("its run lengths cannot be decoded")
+    _check_runs(counts)
     mask = np.asarray(coco_mask.decode({"size": [height, width], "counts": counts.encode()}))
     if coco_mask.encode(np.asfortranarray(mask))["counts"] != counts.encode():
         raise ValueError("its run lengths do not fill the picture")

@@ -1,10 +1,15 @@
-"""Outlines of masks, as pages draw them."""
+"""What pages draw of a frame's truth on its picture: outlines of masks, boxes, keypoints."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from simgrab.model.truth import KEYPOINT_NAMES, Truth
 
 _SMOOTH_PX = 0.6  # by which an outline may leave out points
 
@@ -30,3 +35,14 @@ def outline(mask: NDArray[np.bool_], width_px: int) -> list[list[float]]:
     factors = np.array([mask.shape[1] / size[0], mask.shape[0] / size[1]])
     lines = [cv2.approxPolyDP(one, _SMOOTH_PX, True)[:, 0] for one in found]
     return [np.round((line + 0.5) * factors, 1).ravel().tolist() for line in lines if len(line) > 2]
+
+
+def marks(truth: Truth, mask: Sequence[Sequence[float]] | None) -> dict[str, Any]:
+    """Return box and keypoints, px, beside the `outline` of the mask, as plain data."""
+    points = np.reshape(truth.keypoints, (-1, 3)).tolist()
+    box = (truth.box_x0_px, truth.box_y0_px, truth.box_x1_px, truth.box_y1_px)
+    return {
+        "box": None if None in box else box,
+        "keypoints": [[name, *point] for name, point in zip(KEYPOINT_NAMES, points, strict=True) if point[2]],
+        "mask": mask,
+    }

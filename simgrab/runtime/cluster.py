@@ -48,21 +48,15 @@ def open_pool(
 class ClusterPool(Executor):
     """The cores of a Ray cluster, as a pool of processes. Ray repeats the work of a process or machine that died.
 
+    ``setup`` and ``environment`` are as for `Pool`. Raises `ClusterError` if there is no such cluster, or Ray is not
+    installed or of another version than the cluster's.
+
     Parameters
     ----------
     address : str
         ``auto`` for the cluster that this machine is part of, ``ray://host:10001`` or ``host:6379``.
-    setup : callable, optional
-        Called in each process before its first item; picklable. Its errors are raised for each item.
-    environment : mapping of str to str, optional
-        Variables of the processes.
     memory_bytes : int
         Memory of each process; a machine gets no more items than fit into its memory.
-
-    Raises
-    ------
-    ClusterError
-        If there is no such cluster, or Ray is not installed or of another version than the cluster's.
     """
 
     def __init__(
@@ -96,12 +90,7 @@ class ClusterPool(Executor):
     def map(self, work: Callable[[Item], T], items: Iterable[Item], **options: Any) -> Generator[T, None, None]:
         """Call ``work`` for each item; see `Executor.map`. Ticks are counted once their item is done.
 
-        Raises
-        ------
-        ClusterError
-            If a machine has other versions than this one, or no machine has the memory.
-        WorkerError
-            If processes or machines die repeatedly at one item. Errors of ``work`` are raised unchanged.
+        Raises `ClusterError` if a machine has other versions than this one, or no machine has the memory.
         """
         self.check()
         ray = self._ray
@@ -142,12 +131,7 @@ class ClusterPool(Executor):
             raise ClusterError(f"the cluster can no longer be reached ({first_line(problem)})") from None
 
     def check(self) -> None:
-        """Refuse a cluster in which no machine can do an item: Ray would wait for one.
-
-        Raises
-        ------
-        ClusterError
-        """
+        """Refuse a cluster in which no machine can do an item: Ray would wait for one."""
         with self._reached():
             alive = [node for node in self._ray.nodes() if node["Alive"]]
         most = max((node["Resources"].get("memory", 0) for node in alive), default=0)
@@ -273,20 +257,7 @@ def _own_signals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def local_cluster(nodes: int, cores: int) -> Iterator[str]:
-    """Run a cluster on this machine, for tests; yields its address. It ends when the context is left.
-
-    Parameters
-    ----------
-    nodes : int
-        Number of simulated machines.
-    cores : int
-        Cores of each simulated machine.
-
-    Raises
-    ------
-    ClusterError
-        If Ray is not installed, or cannot start.
-    """
+    """Run a cluster of nodes on this machine, for tests; yields its address. It ends when the context is left."""
     _ray()
     from ray.cluster_utils import Cluster
 

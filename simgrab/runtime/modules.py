@@ -9,14 +9,9 @@ from typing import Any
 
 
 def find(module: str, attribute: str) -> Any:
-    """Import a module and return one of its attributes.
+    """Import a module and return one of its attributes; raises whatever importing it raises, and AttributeError.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        If there is no such module: says which folders were searched.
-    Exception
-        Whatever importing it raises, and AttributeError.
+    If there is no such module, the message of the ModuleNotFoundError says which folders were searched.
     """
     try:
         return getattr(importlib.import_module(module), attribute)

@@ -47,20 +47,7 @@ def unpickled(data: bytes) -> Any:
 
 @dataclass
 class Job(Generic[Item]):
-    """An item under way.
-
-    Attributes
-    ----------
-    name : str
-        Name of the item in messages.
-    item : Item
-    deaths : int
-        How many workers died at this item.
-    ticks, most_ticks : int
-        In this attempt, and in the longest one.
-    heard_s : float
-        When its worker was last heard of, by the monotonic clock.
-    """
+    """An item under way; ``heard_s`` is when its worker was last heard of, by the monotonic clock."""
 
     name: str
     item: Item
@@ -121,6 +108,8 @@ class Executor(ABC):
     ) -> Generator[T, None, None]:
         """Call ``work`` for each item, and yield the results in any order.
 
+        Errors of ``work`` are raised unchanged, and `WorkerError` if workers die at one item `ATTEMPTS` times.
+
         Parameters
         ----------
         work : callable
@@ -132,11 +121,6 @@ class Executor(ABC):
         ticked : callable, optional
             Called with the number of ticks so far. A repeated item counts the ticks of its longest attempt. All ticks
             of an item are counted before its result is yielded.
-
-        Raises
-        ------
-        WorkerError
-            If workers die at one item `ATTEMPTS` times. Errors of ``work`` are raised unchanged.
         """
         waiting, running, finished = deque[Job[Item]](), dict[Any, Job[Item]](), 0
         fresh = (Job(name(item) if name else f"item {number}", item) for number, item in enumerate(items, 1))
@@ -429,8 +413,8 @@ def set_up(setup: Callable[[], None] | None) -> BaseException | None:
 
 def _answer(data: bytes) -> bytes:
     try:
-        work, item = ForkingPickler.loads(data)
-        return bytes(ForkingPickler.dumps((DONE, work(item))))
+        work, item = unpickled(data)
+        return pickled((DONE, work(item)))
     except _Ended:
         raise
     except BaseException as problem:
@@ -438,14 +422,14 @@ def _answer(data: bytes) -> bytes:
 
 
 def _refusal(problem: BaseException) -> bytes:
-    return bytes(ForkingPickler.dumps((RAISED, portable(problem))))
+    return pickled((RAISED, portable(problem)))
 
 
 def portable(problem: BaseException) -> tuple[BaseException, str]:
     """Return a picklable form of an error, with its traceback as text; if it cannot be pickled, its text alone."""
     where = "".join(traceback.format_exception(problem))
     try:
-        ForkingPickler.loads(ForkingPickler.dumps(problem))
+        unpickled(pickled(problem))
     except Exception:
         problem = RuntimeError(f"{type(problem).__name__}: {problem}")
     return problem, where

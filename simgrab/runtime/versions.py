@@ -6,7 +6,7 @@ import functools
 import hashlib
 import platform
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 
 PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pillow", "pyarrow", "pycocotools", "scipy", "trimesh")
@@ -50,13 +50,7 @@ def packages() -> dict[str, str]:
 @functools.cache
 def everything() -> dict[str, str]:
     """Versions of Python and other packages, and the digest of simgrab's source."""
-    found = {"Python": ".".join(platform.python_version_tuple()[:2]), "simgrab's source": _source()}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "none"
-    return found
+    return {"Python": ".".join(platform.python_version_tuple()[:2]), "simgrab's source": _source()} | packages()
 
 
 def _source() -> str:

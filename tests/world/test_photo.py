@@ -175,5 +175,8 @@ def test_files_outside_the_scenes_folder_are_read_and_nothing_but_pictures(yard:
             scene(yard / "inner", file)
     with pytest.raises(ScenarioError, match=r"read by simgrab\.load"):
         scenes.convert({"place": {"model": "photo", "file": "yard.png"}}, Scenario)
+    (yard / "inner" / "loop.png").symlink_to("loop.png")
+    with pytest.raises(ScenarioError, match=r"loop\.png: Too many levels of symbolic links"):
+        scene(yard, "inner")
     with pytest.raises(ScenarioError, match=r"floodlights"):
         scene(yard, **{"light.sun": 0.0, "light.floodlights": 0.5})

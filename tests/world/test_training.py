@@ -1,6 +1,7 @@
 """Datasets whose frames come from several worlds."""
 
 import json
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -191,7 +192,7 @@ def test_an_impossible_world_among_many_is_refused_before_anything_is_drawn(tmp_
 @pytest.mark.parametrize("workers", slow_but([1, 2], 1))
 def test_many_worlds_are_counted_while_they_are_checked(workers):
     told = []
-    with Workers(Recipe(scene(frames=6)), workers) as processes:
+    with closing(Workers(Recipe(scene(frames=6)), workers)) as processes:
         pool.vetted(processes, lambda *counts: told.append(counts))
     assert (told[0], told[-1]) == ((0, 3), (3, 3))
     assert told == sorted(told)

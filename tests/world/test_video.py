@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from conftest import SMALL, as_options, small_scene
+from conftest import SMALL, as_options, digests, small_scene
 
 import simgrab
 from simgrab.cli import cli
@@ -50,15 +50,6 @@ def decode(path):
 
 def table(path):
     return pq.read_table(path.with_suffix(".parquet")).to_pylist()
-
-
-def digests(folder, stem=""):
-    """Digest of every file, by what follows the stem in its name."""
-    return {
-        p.name.removeprefix(stem): hashlib.sha256(p.read_bytes()).hexdigest()
-        for p in folder.rglob("*")
-        if p.is_file() and p.name.startswith(stem)
-    }
 
 
 @pytest.fixture(scope="module")
@@ -228,6 +219,17 @@ def test_no_video_is_overwritten(videos, rough):
     with pytest.raises(DatasetError, match="exists"):
         render(rough, videos / "data", video=videos / "swing.mp4")
     assert digests(videos) == before
+
+
+def test_clips_of_two_renderers_are_never_made(videos, rough, tmp_path):
+    folder = shutil.copytree(videos, tmp_path / "copy")
+    (folder / "swing-002.mp4").unlink()
+    known = json.loads((folder / "swing-000.manifest.json").read_text())
+    for renderer, why in (("another", "was started with another"), (None, r"not a simgrab dataset .*renderer")):
+        known["renderer"]["renderer"] = renderer
+        (folder / "swing-000.manifest.json").write_text(json.dumps(known))
+        with pytest.raises(DatasetError, match=why):
+            render_video(rough, folder / "swing.mp4", resume=True)
 
 
 def test_a_strangers_file_is_no_clip(rough, tmp_path):

@@ -28,24 +28,15 @@ MOST_BUFFER_BITS = 2**31 - 1  # FFmpeg's
 class Coder:
     """Codes pictures into a file one by one; an MP4 is written in fragments. Use as a context manager.
 
-    Colours are BT.709, limited range, 4:2:0, and tagged so.
+    Colours are BT.709, limited range, 4:2:0, and tagged so. The camera's width and height are even; the clip has frame
+    rate, bit rate and distance of key frames. ``x264`` is the version of the encoder, once it has coded a frame.
 
     Parameters
     ----------
-    path : Path
     container : str
         FFmpeg's name of the format, e.g. ``"mp4"``.
     ticks_per_s : int
         Resolution of the time stamps.
-    camera : Camera
-        Its width and height are even.
-    clip : Clip
-        Frame rate, bit rate and distance of key frames.
-
-    Attributes
-    ----------
-    x264 : str
-        Version of the encoder; empty until it has coded a frame.
     """
 
     def __init__(self, path: Path, container: str, ticks_per_s: int, camera: Camera, clip: Clip) -> None:
@@ -78,14 +69,7 @@ class Coder:
             self._file.close()
 
     def send(self, rgb: NDArray[np.uint8], pts: int) -> None:
-        """Encode a picture.
-
-        Parameters
-        ----------
-        rgb : ndarray of uint8, shape (height, width, 3)
-        pts : int
-            Presentation time, ticks; it must exceed the previous picture's.
-        """
+        """Encode a picture, shape (height, width, 3), at a time in ticks that exceeds the previous one's."""
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24").reformat(
             format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG, threads=1
         )

@@ -42,17 +42,12 @@ def encode_clip(
     tick: Callable[[], None],
     also: Callable[[int], bool],
 ) -> None:
-    """Make a clip and put its files in place.
-
-    Only one picture is kept at a time, whatever the clip's length.
+    """Make a clip and put its files in place. Only one picture is kept at a time, whatever the clip's length.
 
     Parameters
     ----------
-    videos : VideoFiles
-    clip : int
     take : callable
         Returns the shot of a frame. Called once for each frame that the video shows, in order.
-    rendered_by : Fingerprint
     tick : callable
         Called after every frame of the clip, shown or not.
     also : callable

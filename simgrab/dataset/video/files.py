@@ -15,6 +15,7 @@ from typing import Any
 
 import pyarrow.compute as pc
 
+from simgrab.dataset.datasets import named
 from simgrab.dataset.summary import VideoSummary
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.io import parquet
@@ -22,6 +23,7 @@ from simgrab.io.destination import check_file
 from simgrab.io.journal import IDENTITY, Journal
 from simgrab.io.stores import Store
 from simgrab.model.scenario import Scenario
+from simgrab.runtime.versions import Fingerprint
 
 MANIFEST = ".manifest.json"
 SIDES = (".parquet", ".camera.toml", MANIFEST)  # what lies beside the video, the manifest last
@@ -40,16 +42,10 @@ CONTAINERS = {".mp4": Container("mp4", 90_000), ".mkv": Container("matroska", 10
 
 @dataclass(frozen=True)
 class VideoFiles:
-    """The clips of a scenario on disk.
+    """The clips of a scenario on disk; ``core`` is `simgrab.dataset.manifest.identity`.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    core : dict
-        See `simgrab.dataset.manifest.identity`.
-    path : Path
-        The video, whose suffix selects the container. Where there are several clips each has its number in the
-        name: ``swing.mp4`` becomes ``swing-000.mp4`` and so on.
+    The suffix of ``path`` selects the container. Where there are several clips each has its number in the name:
+    ``swing.mp4`` becomes ``swing-000.mp4`` and so on.
     """
 
     scenario: Scenario
@@ -109,10 +105,10 @@ class VideoFiles:
         """Whether every file of a clip is in place."""
         return all(path.exists() for path in self.files(clip).values())
 
-    def rendered_by(self) -> str | None:
-        """Fingerprint of the renderer of the finished clips; None if there are none."""
+    def rendered_by(self) -> Fingerprint | None:
+        """Return the renderer of the finished clips; None if there are none."""
         manifests = (self.known(clip) for clip in range(self.count))
-        return next((str(known["renderer"]["fingerprint"]) for known in manifests if known is not None), None)
+        return next((named(known, self.path).renderer for known in manifests if known is not None), None)
 
     def unfinished(self, *, resume: bool) -> list[int]:
         """Clips that remain to be made.
@@ -149,7 +145,8 @@ class VideoFiles:
     def summary(self, made: int) -> VideoSummary:
         """Sum up finished clips; ``made`` of them were made in this run."""
         scenario, sent, repeated, size = self.scenario, 0, 0, 0
-        clamped = Counter[str]()
+        clamped, rendered_by = Counter[str](), self.rendered_by()
+        assert rendered_by is not None
         for clip in range(self.count):
             files = self.files(clip)
             column = parquet.read_table(files[".parquet"], DatasetError, columns=["repeated"])["repeated"]
@@ -166,5 +163,5 @@ class VideoFiles:
             dropped=scenario.frames - sent,
             mbit_s=size * 8e-6 / (scenario.frames / scenario.clip.frame_rate_hz),
             clamped=dict(clamped) or None,
-            fingerprint=str(self.rendered_by()),
+            fingerprint=rendered_by.digest,
         )

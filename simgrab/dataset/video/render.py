@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simgrab.dataset import pool, price, record, stored
-from simgrab.dataset.manifest import identity
+from simgrab.dataset.manifest import identity, same_renderer
 from simgrab.dataset.pool import FrameNumbers, Progress, Tick
 from simgrab.dataset.price import Price
 from simgrab.dataset.summary import VideoSummary
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
-from simgrab.errors import DatasetError, ScenarioError
+from simgrab.errors import ScenarioError
 from simgrab.io.journal import Journal
 from simgrab.model.scenario import Scenario
 from simgrab.runtime.versions import Fingerprint
@@ -51,14 +51,8 @@ def render_video(
         Processes, each of which makes a clip at a time.
     resume : bool
         Go on where an interrupted run stopped; unfinished clips are rendered again.
-    progress : callable, optional
-        Called with (frames done, frames in all).
-    checking : callable, optional
-        Called before that, if there are many worlds, with (worlds found possible, worlds in all).
-    priced : callable, optional
-        Called before the first frame with an estimate of time and size, if there are many frames, and no cluster.
-    randomiser, trajectory, effects
-        Functions of yours, as `simgrab.frames` takes them; see `simgrab.render`.
+    progress, checking, priced, randomiser, trajectory, effects
+        As `simgrab.render` takes them.
 
     Returns
     -------
@@ -71,12 +65,8 @@ def render_video(
         then.
     DatasetError
         If the path is taken, or cannot be written.
-    RendererError
-        If there is no offscreen OpenGL.
-    ExtensionError
-        If a function of yours cannot be found, raises, or returns impossible values.
-    WorkerError
-        If worker processes die repeatedly at one frame or clip.
+    RendererError, ExtensionError, WorkerError
+        As by `simgrab.render`.
     """
     recipe = Recipe.of(scenario, randomiser, trajectory, effects)
     if recipe.scenario.sensors:
@@ -126,14 +116,7 @@ class Clips:
 
 @dataclass(frozen=True)
 class ClipWork:
-    """Work on one clip: encode it, and store its frames in a dataset, whichever is unfinished.
-
-    Parameters
-    ----------
-    videos : VideoFiles
-    journal : Journal or None
-        Journal of the dataset, if there is one.
-    """
+    """Work on one clip: encode it, and store its frames in the journal's dataset, whichever is unfinished."""
 
     videos: VideoFiles
     journal: Journal | None
@@ -143,7 +126,7 @@ class ClipWork:
         clip = generator.scenario.clip.of(frames[0])
         rendered_by = generator.scene(frames[0]).renderer.fingerprint
         if not self.videos.is_finished(clip):
-            self._refuse_other_renderers(rendered_by)
+            same_renderer(rendered_by, self.videos.rendered_by(), self.videos.path)
             encode_clip(
                 self.videos, clip, lambda frame: self._take(generator, frame), rendered_by, tick=tick, also=self._lacks
             )
@@ -162,10 +145,3 @@ class ClipWork:
         if self.journal is not None and self._lacks(number):
             stored.encoded(generator, frame).keep(self.journal)
         return Shot(frame.rgb, frame.truth, stored.split(generator.recipe, number))
-
-    def _refuse_other_renderers(self, rendered_by: Fingerprint) -> None:
-        begun_by = self.videos.rendered_by()
-        if begun_by not in (None, rendered_by.digest):
-            raise DatasetError(
-                f"{self.videos.path} was started with another renderer than {rendered_by}: choose another --video"
-            )

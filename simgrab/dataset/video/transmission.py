@@ -13,16 +13,8 @@ from simgrab.model.scenario import Scenario
 class Slot:
     """One instant at which the camera takes a frame.
 
-    Attributes
-    ----------
-    frame : int
-        Index within the scenario.
-    time_s : float
-        Within the clip.
-    pts : int or None
-        Presentation time, in ticks of the stream; None if the frame is lost.
-    repeated : bool
-        Whether the previous picture is sent again instead of the frame.
+    ``pts`` is the presentation time in ticks of the stream, None if the frame is lost; ``repeated``: the previous
+    picture is sent again instead of the frame.
     """
 
     frame: int
@@ -39,14 +31,7 @@ class Slot:
 def slots(scenario: Scenario, clip: int, ticks_per_s: int) -> Iterator[Slot]:
     """Go through a clip in order; see `simgrab.model.scenario.Clip` for what the settings mean.
 
-    Time stamps increase: one that would precede the previous one is set to a tick after it.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    clip : int
-    ticks_per_s : int
-        Resolution of the stream's time stamps.
+    Time stamps, in ticks, increase: one that would precede the previous one is set to a tick after it.
 
     Examples
     --------

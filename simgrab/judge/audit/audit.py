@@ -26,7 +26,7 @@ from simgrab.io.strict import convert
 from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
 from simgrab.model import scenes
-from simgrab.model.masks import MOST_COCO_BYTES, coco_file
+from simgrab.model.masks import MOST_COCO_BYTES, coco_name
 from simgrab.model.records import frame_files
 from simgrab.model.scenario import OneBody, Scenario, Suspension
 from simgrab.model.truth import SPLITS, Row, Truth
@@ -308,7 +308,7 @@ def _compare_metadata(found: Findings, data: _Dataset) -> None:
 
 
 def _coco_by_image(path: Path, split: str) -> dict[int, Any]:
-    file = coco_file(path, split)
+    file = path / coco_name(split)
     try:
         annotations = read_json(file, DatasetError, most_bytes=MOST_COCO_BYTES)["annotations"]
         return {a["image_id"]: a for a in annotations}

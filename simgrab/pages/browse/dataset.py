@@ -84,11 +84,11 @@ def _unfinished(path: Path) -> Subject:
     for record in sorted((path / PARTIAL / ROWS).glob("*.json")):
         try:
             one = msgspec.json.decode(read_bytes(record, DatasetError, most_bytes=MOST_RECORD_BYTES), type=FrameRecord)
-            masks[one.truth.frame] = msgspec.convert(one.mask, Coded)
         except (ValueError, RecursionError, DatasetError):
             damaged += 1
         else:
             rows.append(one.truth)
+            masks[one.truth.frame] = one.mask
     if not rows:
         raise DatasetError(f"{path} is unfinished, and no frame of it is there; continue with simgrab render --resume")
     labels = FolderRows(table_of(rows), FolderFiles(path, lambda row: masks[row.frame]))

@@ -10,13 +10,13 @@ from typing import Any
 import pyarrow as pa
 
 from simgrab.dataset.datasets import Dataset, FolderRows
-from simgrab.dataset.overlay import marks
 from simgrab.errors import DatasetError
 from simgrab.model.masks import Coded
 from simgrab.model.records import frame_files
 from simgrab.model.truth import Row
 from simgrab.pages.browse import columns
 from simgrab.pages.browse.columns import Column
+from simgrab.pages.outlines import marks
 
 
 @dataclass(frozen=True)

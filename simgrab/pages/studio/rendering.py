@@ -11,13 +11,13 @@ import cv2
 import msgspec
 import numpy as np
 
-from simgrab.dataset import overlay
 from simgrab.dataset.stored import encoded
 from simgrab.errors import ScenarioError, SimgrabError
 from simgrab.io import pictures
+from simgrab.model.label_arrays import vertical
 from simgrab.model.scenario import Iid, Scenario, resized
 from simgrab.model.truth import Truth
-from simgrab.pages.outlines import outline
+from simgrab.pages.outlines import marks, outline
 from simgrab.pages.studio.turns import Turns
 from simgrab.world.frames import Frame, FrameGenerator
 
@@ -161,7 +161,7 @@ def _about(wish: Wish, frame: Frame) -> dict[str, Any]:
     return {
         "frame": wish.frame, "small": wish.small, "width": truth.width_px, "height": truth.height_px,
         "kind": f"image/{'jpeg' if wish.small else scenario.image.format}",
-        "truth": overlay.marks(truth, outline(frame.mask, _OUTLINE_WIDTH_PX)) | _geometry(truth),
+        "truth": marks(truth, outline(frame.mask, _OUTLINE_WIDTH_PX)) | _geometry(truth),
         "values": {name: getattr(truth, name) for name in _VALUES},
         "frames": scenario.frames, "clip": scenario.clip.of(wish.frame), "timed": not isinstance(scenario.swing, Iid),
     }  # fmt: skip
@@ -170,6 +170,6 @@ def _about(wish: Wish, frame: Frame) -> dict[str, Any]:
 def _geometry(truth: Truth) -> dict[str, Any]:
     """Give C', G' and the image of the grab centre; None where the picture has none."""
     centre = (truth.grab_u_px, truth.grab_v_px)
-    marks = {"principal": overlay.principal(truth), "vertical": overlay.vertical(truth), "centre": centre}
-    points = {name: np.array(mark, float) for name, mark in marks.items()}
+    places = {"principal": (truth.cx_px, truth.cy_px), "vertical": vertical(truth), "centre": centre}
+    points = {name: np.array(place, float) for name, place in places.items()}
     return {name: point.tolist() if np.isfinite(point).all() else None for name, point in points.items()}
