@@ -86,6 +86,7 @@ UVS = "vt 0 0\nvt 1 0\nvt 1 1\n"
 UV_FACES = "".join(f"f {a + 1}/1 {b + 1}/2 {c + 1}/3\n" for a, b, c in F)
 STEEL = {"colours": {(51, 102, 204)}}
 CLOSED, PAINTED, PLAIN, TEXTURED = {"volume": 8}, {"painted": True}, {"doubts": ""}, {"textured": True}
+SOME_RED = {"colours": {(255, 0, 0), (255, 85, 85)}}  # where one of three corners is white
 WHITE, RED, ORANGE = ({"colours": {rgb}} for rgb in ((255, 255, 255), (255, 0, 0), (255, 128, 0)))
 
 
@@ -157,7 +158,8 @@ OBJ = {
     "other files": (box() + "call ../secret.obj\n", says("refers to other files by 'call'")),
     "colours of vertices": (box(vertices=colours("1 0.5 0")), ORANGE),
     "colours of vertices in bytes": (box(vertices=colours("255 128 0")), ORANGE),
-    "colours of some vertices": (box(vertices=colours("1 0 0", 7)), CLOSED),
+    "colours of some vertices": (box(vertices=colours("1 0 0", 7)), CLOSED | SOME_RED),
+    "colours of some vertices in bytes": (box(vertices=colours("255 0 0", 7)), CLOSED | SOME_RED),
     "colours of ZBrush": (box("#MRGB ff0000ff\n"), says("ZBrush")),
     "weights of vertices": (box(vertices=colours("1.0")), PAINTED | CLOSED),
     "material": (using(MTL), STEEL | PLAIN | nodes(("steel",))),

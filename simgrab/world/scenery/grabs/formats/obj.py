@@ -188,9 +188,9 @@ def _levels(colours: dict[int, tuple[float, ...]], count: int) -> Array | None:
     """Give the colours of vertices, in [0, 1]; white where only others have one."""
     if not colours:
         return None
-    levels = np.ones((count, 3))
-    levels[list(colours)] = list(colours.values())
-    return np.clip(levels / (255.0 if levels.max() > 1.0 else 1.0), 0.0, 1.0)
+    stated, levels = np.array(list(colours.values())), np.ones((count, 3))
+    levels[list(colours)] = stated / (255.0 if stated.max() > 1.0 else 1.0)
+    return np.clip(levels, 0.0, 1.0)
 
 
 def _of_keywords(keywords: set[str]) -> list[str]:
