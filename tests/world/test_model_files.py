@@ -364,6 +364,8 @@ PLY = {
     "other properties": (kinds("float", "quality"), INDICES, each(1.0), PF,
                          CLOSED | {"left_out": "vertex property 'quality'"}),
     "unit": (XYZ, INDICES, PV, PF, says("in millimetres"), "comment unit: mm\n"),
+    "unit beside a texture": (XYZST, INDICES, SQUARE, PF, says("in millimetres"), TEXTURE + "comment unit: mm\n",
+                              PICTURE),
     "index beyond": (XYZ, INDICES, PV, [((0, 1, 8),)], "a face names vertex 8 of 8"),
     "points alone": (XYZ, INDICES, PV, [], "shows no triangles"),
 }  # fmt: skip
