@@ -14,7 +14,7 @@ import os
 import posixpath
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -37,14 +37,6 @@ MOST_NODES, MOST_LEVELS, MOST_MATERIALS = 2_000, 64, 100
 """Of a glTF file."""
 
 
-class ModelFiles(dict[str, bytes]):
-    """Files by their paths, with slashes, relative to the model's folder."""
-
-    def named(self, name: str, of: str) -> bytes | None:
-        """Return the file that the file ``of`` refers to by a name; None if it is missing."""
-        return next((self[place] for place in _places(name, of) if place in self), None)
-
-
 def _places(name: str, of: str) -> list[str]:
     """Return the paths that a name in a file may mean: in that file's folder, and in the model's."""
     plain = name.replace("\\", "/")
@@ -59,25 +51,29 @@ class ModelFile:
     ----------
     name : str
         Name of the model's own file.
-    files : ModelFiles
-        The model's own file and those it refers to, each by its path relative to the model's folder.
+    files : mapping of str to bytes
+        The model's own file and those it refers to, each by its path, with slashes, relative to the model's folder.
     missing : tuple of str
         Pictures and material libraries that it refers to but that are not in its folder.
     """
 
     name: str
-    files: ModelFiles
+    files: Mapping[str, bytes]
     missing: tuple[str, ...] = ()
 
     @property
     def format(self) -> str:
         """One of `FORMATS`."""
-        return self.name.rpartition(".")[2].lower()
+        return ending(self.name)
 
     @property
     def data(self) -> bytes:
         """The model's own file."""
         return self.files[self.name]
+
+    def referred(self, name: str, of: str = "") -> bytes | None:
+        """Return the file that the model, or another of its files, refers to by a name; None if it is missing."""
+        return next((self.files[place] for place in _places(name, of or self.name) if place in self.files), None)
 
     @cached_property
     def sha256(self) -> str:
@@ -87,6 +83,17 @@ class ModelFile:
             return next(iter(digests.values()))
         listed = "".join(f"{digests[name]}  {name}\n" for name in sorted(digests))
         return hashlib.sha256(listed.encode()).hexdigest()
+
+
+def ending(name: str) -> str:
+    """Give the ending of a file's name, in lower case, without its dot."""
+    return name.rpartition(".")[2].lower()
+
+
+def check_ending(name: str, endings: Sequence[str], refuse: Refuse) -> None:
+    """Refuse a file's name that does not end in one of some ways."""
+    if ending(name) not in endings:
+        raise refuse(f"{name}: must end in one of {', '.join(f'.{known}' for known in endings)}")
 
 
 def copied(sha256: str) -> str:
@@ -129,7 +136,7 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     """
     path = Path(path)
     _check_name(path.name, refuse)
-    files = ModelFiles({path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)})
+    files = {path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)}
     missing, waiting = list[str](), [path.name]
     while waiting:
         name = waiting.pop(0)
@@ -163,17 +170,15 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse, missing: tup
     _check_name(name, refuse)
     if name not in files or sum(map(len, files.values())) > MOST_BYTES or len(files) > MOST_FILES:
         raise refuse(f"{name}: is not a model of at most {MOST_BYTES >> 20} MiB and {MOST_FILES} files")
-    model = ModelFile(name, ModelFiles(files), missing)
+    model = ModelFile(name, files, missing)
     _check_counts(model, _about(name, refuse))
     return remember(model)
 
 
 def _check_name(name: str, refuse: Refuse) -> None:
-    ending = name.rpartition(".")[2].lower()
-    if ending in ("step", "stp"):
+    if ending(name) in ("step", "stp"):
         raise refuse(f"{name}: is a STEP file; convert it by `simgrab grab convert`")
-    if ending not in FORMATS:
-        raise refuse(f"{name}: must end in one of {', '.join(f'.{ending}' for ending in FORMATS)}")
+    check_ending(name, FORMATS, refuse)
 
 
 def _about(name: str, refuse: Refuse) -> Refuse:
@@ -200,7 +205,7 @@ def _leaves(folder: Path, found: str) -> bool:
 
 def _references(name: str, data: bytes, refuse: Refuse) -> Iterator[tuple[str, str]]:
     """Return the references of a file: for each, whether it is a buffer, picture or library, and its name."""
-    kind = name.rpartition(".")[2].lower()
+    kind = ending(name)
     if kind in ("glb", "gltf"):
         content = gltf(kind, data, refuse)
         for table, what in (("buffers", "buffer"), ("images", "picture")):
@@ -315,7 +320,7 @@ def _check_counts(model: ModelFile, refuse: Refuse) -> None:
         case "glb" | "gltf":
             faces, vertices = _shown(gltf(model.format, data, refuse), refuse)
         case "stl":
-            binary = len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+            binary = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
             faces = (len(data) - 84) // 50 if binary else len(re.findall(rb"(?i)\bfacet\s+normal\b", data))
             if not binary and not faces:
                 raise refuse("is truncated, or not an STL file")
@@ -340,15 +345,14 @@ def _shown(content: Mapping[str, Any], refuse: Refuse) -> tuple[int, int]:
     nodes = tables(content, "nodes", refuse)
     _check_levels(nodes, refuse)
     counts = [_count(entry.get("count", 0), refuse) for entry in tables(content, "accessors", refuse)]
-    largest = [0, 0]
     try:
         sizes = [_size(mesh.get("primitives", []), counts) for mesh in tables(content, "meshes", refuse)]
         shown_by = [sizes[node["mesh"]] for node in nodes if "mesh" in node]
     except (LookupError, TypeError, AttributeError):
         raise refuse("its meshes name accessors that are not there") from None
-    for some in (sizes, shown_by):  # a mesh is parsed even where no node shows it
-        largest = [max(before, sum(size[i] for size in some)) for i, before in enumerate(largest)]
-    return largest[0], largest[1]
+    # A mesh is parsed even where no node shows it.
+    faces, vertices = (max(sum(size[i] for size in some) for some in (sizes, shown_by)) for i in range(2))
+    return faces, vertices
 
 
 def _size(primitives: list[dict[str, Any]], counts: list[int]) -> tuple[int, int]:

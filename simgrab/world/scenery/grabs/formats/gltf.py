@@ -127,7 +127,7 @@ class _Buffers:
     def _of_uri(self, uri: str) -> bytes | None:
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2])
-        return self._model.files.named(unquote(uri), self._model.name)
+        return self._model.referred(unquote(uri))
 
 
 class _Scene:

@@ -221,7 +221,7 @@ def _libraries(model: ModelFile) -> tuple[dict[str, _Material], list[str]]:
     if b"mtllib" in model.data:
         for line in models.lines(model.data):
             for name in models.libraries(line[6:]) if re.match(r"mtllib\s", line) else ():
-                data = model.files.named(name, model.name)
+                data = model.referred(name)
                 if data is not None:
                     found = _library(model, name, data)
                     library = found | library
@@ -253,7 +253,7 @@ def _material(model: ModelFile, file: str, lines: dict[str, tuple[str, str]]) ->
             doubts.append(f"Kd {shown(' '.join(words))} is not read: give red, green and blue.")
     if "map_kd" in lines:
         name, options = models.map_name(lines["map_kd"][1])
-        texture = model.files.named(name, file.replace("\\", "/"))
+        texture = model.referred(name, file.replace("\\", "/"))
         scale, offset = (_pair(options.get(key, []), plain) for key, plain in (("-s", 1.0), ("-o", 0.0)))
         if ignored := sorted(set(options) & {"-clamp", "-mm", "-t", "-cc", "-imfchan", "-texres"}):
             doubts.append(f"options {', '.join(ignored)} of map_Kd are not read: put them into the picture.")

@@ -83,7 +83,7 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
 
 def _textured(model: ModelFile, name: str) -> FileMaterial | None:
     """Give a surface with a texture of the model's folder; None where it is not there."""
-    picture = model.files.named(name, model.name)
+    picture = model.referred(name)
     return None if picture is None else FileMaterial(texture=picture)
 
 
