@@ -172,10 +172,7 @@ def _plate() -> Picture:
 @cache
 def _picture(name: str) -> Picture:
     """Return a bundled texture, in [0, 1]; do not write to it."""
-    image = textures.load(name)
-    if image.shape[:2] != (_SIZE, _SIZE):
-        image = np.asarray(cv2.resize(image, (_SIZE, _SIZE), interpolation=cv2.INTER_AREA), np.uint8)
-    picture = np.asarray(image, float) / 255.0
+    picture = np.asarray(textures.load(name, _SIZE), float) / 255.0
     picture.setflags(write=False)
     return picture
 

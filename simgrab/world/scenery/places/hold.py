@@ -176,7 +176,7 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
     tile = load("tanktop")
     scale = PIXELS / SIZE * 10.0 / tile.shape[0]
 
-    canvas = Canvas(lambda: tiled(shrunk(tile, scale), PIXELS), SIZE, PIXELS, rng=rng)
+    canvas = Canvas(lambda: tiled(shrunk(tile, scale), PIXELS, PIXELS), SIZE, PIXELS, rng=rng)
     cover = np.clip((field + 0.30) / 0.32, 0, 1.3)[:, ::-1].T
     canvas.spill(cover, (-half_l, -half_b), (half_l, half_b))
     for s in (-1, 1):

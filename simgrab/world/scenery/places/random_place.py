@@ -68,7 +68,7 @@ def _tiled(rng: np.random.Generator) -> Texture:
         tile = cv2.resize(textures.load(str(name)), (side, side), interpolation=cv2.INTER_AREA)
         tint = rng.uniform(0.5, 1.3, 3) * rng.uniform(0.6, 1.3)
         tile = np.clip(tile * tint, 0, 255).astype(np.uint8)
-        layers.append(tiled(tile, _PIXELS))
+        layers.append(tiled(tile, _PIXELS, _PIXELS))
     first, second = layers
     if rng.random() < 0.5:
         return first
@@ -160,7 +160,7 @@ def _coat(number: int, rng: np.random.Generator) -> Material:
     specular = float(rng.uniform(0, 0.5))
     if rng.random() < 0.5:
         return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), specular=specular)
-    picture = cv2.resize(textures.load(str(rng.choice(_TEXTURES))), (256, 256), interpolation=cv2.INTER_AREA)
+    picture = textures.load(str(rng.choice(_TEXTURES)), 256)
     red, green, blue = (0.4 + 0.6 * v for v in (red, green, blue))
-    return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), texture=np.asarray(picture, np.uint8),
+    return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), texture=picture,
                     tile_m=float(rng.uniform(1, 8)), specular=specular)  # fmt: skip
