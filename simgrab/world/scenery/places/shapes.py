@@ -74,13 +74,9 @@ def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
     vertices = np.concatenate([*ring, [ring[0].mean(axis=0), ring[-1].mean(axis=0)]])
     i = np.arange(n)
     j = (i + 1) % n
-    faces = []
-    for k in range(len(ring) - 1):
-        a, b = k * n, (k + 1) * n
-        faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
     last, bottom, top = (len(ring) - 1) * n, len(vertices) - 2, len(vertices) - 1
-    faces += [np.stack([j, i, np.full(n, bottom)], 1), np.stack([last + i, last + j, np.full(n, top)], 1)]
-    return trimesh.Trimesh(vertices, np.concatenate(faces), process=False)
+    caps = [np.stack([j, i, np.full(n, bottom)], 1), np.stack([last + i, last + j, np.full(n, top)], 1)]
+    return steel.solid(vertices, np.concatenate([*_walls(range(len(ring)), n), *caps]))
 
 
 def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Trimesh:
@@ -94,14 +90,15 @@ def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Tri
         centre = ring.mean(axis=0)
         inner.append(ring - np.sign(ring - centre) * [wall, wall, 0.0])
     loop = [*outer, *inner[::-1]]
-    n, m = len(outer[0]), len(loop)
+    return steel.solid(np.concatenate(loop), np.concatenate(_walls([*range(len(loop)), 0], len(outer[0]))))
+
+
+def _walls(rings: Iterable[int], n: int) -> list[NDArray[np.int64]]:
+    """Faces between rings of ``n`` points, given by their numbers, each joined to the next."""
     i = np.arange(n)
     j = (i + 1) % n
-    faces = []
-    for k in range(m):
-        a, b = k * n, (k + 1) % m * n
-        faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
-    return trimesh.Trimesh(np.concatenate(loop), np.concatenate(faces), process=False)
+    return [np.stack(way, 1) for a, b in pairwise(np.array(rings) * n)
+            for way in ((a + i, a + j, b + j), (a + i, b + j, b + i))]  # fmt: skip
 
 
 def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] = (0.0, 0.0)) -> Vector:
@@ -196,4 +193,4 @@ def sheet(x: ArrayLike, y: ArrayLike, z: ArrayLike, *, bottom: float) -> trimesh
     faces += [np.stack(t, 1) for t in ((rim, low, low_nxt), (rim, low_nxt, nxt), (low, centre, low_nxt))]
     under = np.column_stack([top[rim][:, :2], np.full(len(rim), bottom)])
     middle = [[(x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2, bottom]]
-    return trimesh.Trimesh(np.concatenate([top, under, middle]), np.concatenate(faces), process=False)
+    return steel.solid(np.concatenate([top, under, middle]), np.concatenate(faces))
