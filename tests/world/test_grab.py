@@ -59,11 +59,6 @@ def test_jaw_out_of_range_is_refused() -> None:
         GRAB.frames(1.2)
 
 
-def test_unknown_cargo_is_named() -> None:
-    with pytest.raises(ValueError, match="'sand'"):
-        GRAB.heaps("sand", np.random.default_rng(0))
-
-
 def test_another_paint_changes_no_shape_and_repeats_with_its_stream() -> None:
     one, other, again = painted(0), painted(9, paint=(0.1, 0.4, 0.6), wear=0.7), painted(0)
     for body in one:

@@ -45,7 +45,7 @@ class _Clam(Shells):
     def __init__(self, keys: Clamshell, ropes_m: tuple[float, float] | None) -> None:
         super().__init__(keys, _HINGE)
         s = self.scale
-        self.head_pin, self.shell_pin = self.at(*_HEAD_PIN), self.at(*_SHELL_PIN)
+        self.head_pin, self.shell_pin = s.at(*_HEAD_PIN), s.at(*_SHELL_PIN)
         self.far_pin = self.hinge[0] + self.shell_pin[0], self.hinge[1] + self.shell_pin[1]
         self.arm_y = (-_ARM_Y * s.y, _ARM_Y * s.y) if keys.arms == 4 or keys.drive == "hydraulic" else (0.0,)
         self.sheave_r = 0.10 + 0.07 * s.mean
@@ -83,7 +83,7 @@ class _Clam(Shells):
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
-        cylinder = Cylinder(self.hinge, self.at(*_CYLINDER_PIN), self.shell_pin)
+        cylinder = Cylinder(self.hinge, self.scale.at(*_CYLINDER_PIN), self.shell_pin)
         start, end = np.array(cylinder.head_pin), np.array(self.far_pin)
         along = (end - start) / np.linalg.norm(end - start)
         axis = (float(along[0]), 0.0, float(along[1]))
@@ -324,7 +324,7 @@ class _Clam(Shells):
 
     def _head_lugs(self) -> trimesh.Trimesh:
         s, m = self.scale, self.scale.mean
-        x, z = self.head_pin if self.keys.drive == "ropes" else self.at(*_CYLINDER_PIN)
+        x, z = self.head_pin if self.keys.drive == "ropes" else s.at(*_CYLINDER_PIN)
         low, high = (v * s.z for v in _GIRDER)
         eye, apart = 0.05 * m + 0.03, 0.05 * m + 0.02
         foot = shapely.box(0.22 * s.x, low + 0.01, 0.32 * s.x, high - 0.01)

@@ -51,6 +51,10 @@ class Scale:
         ratios *= np.cbrt(keys.volume_m3 / unit_m3 / ratios.prod())
         return cls(*(float(r) for r in ratios))
 
+    def at(self, x: float, z: float) -> tuple[float, float]:
+        """Scale a point (x, z)."""
+        return x * self.x, z * self.z
+
     @property
     def mean(self) -> float:
         """Metres a unit for round parts."""
@@ -179,7 +183,7 @@ def socket(end: Array, height: float) -> trimesh.Trimesh:
     """Return a rope's socket below its end, on a pin between two cheeks that stand ``height`` below."""
     x, y, z = (float(v) for v in end)
     cone = [(0.004, -0.16), (0.058, -0.16), (0.062, -0.14), (0.040, -0.02), (0.030, 0.0), (0.004, 0.0)]
-    top = trimesh.creation.revolve(np.array([*cone, cone[0]]), sections=12)
+    top = shapes.turned(cone, 12)
     top.apply_translation((x, y, z))
     fork = prism(
         hull(circle(x, z - 0.26, 0.05), shapely.box(x - 0.045, z - 0.17, x + 0.045, z - 0.14)), y - 0.05, y + 0.05
@@ -200,8 +204,7 @@ def guide(end: Array, height: float) -> trimesh.Trimesh:
         shapes.block((x + o - 0.008, y - 0.1, low), (x + o + 0.008, y + 0.1, z - 0.04), 0.003) for o in (-0.112, 0.112)
     ]
     ring = [(0.045, -0.055), (0.115, -0.02), (0.125, 0.02), (0.118, 0.022), (0.108, -0.01), (0.035, -0.042)]
-    mouth = trimesh.creation.revolve(np.array([*ring, ring[0]]), sections=16)
-    shapes.outward(mouth)
+    mouth = shapes.turned(ring, 16)
     mouth.apply_translation((x, y, z - 0.03))
     return join([*plates, mouth])
 
@@ -406,13 +409,6 @@ def petal(
     return shapes.outward(heap(*grids))
 
 
-def cargo_material(cargo: str) -> Material:
-    """Return a cargo's material; raises `ValueError` for an unknown cargo."""
-    if cargo not in LUMPS_M:
-        raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(LUMPS_M))}")
-    return Material(f"grab_{cargo}", texture=textures.load(cargo), tile_m=1.4, specular=0.05, shininess=0.1)
-
-
 def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDArray[np.float64]:
     """Return the roughness of a heap's surface, m: lumps of two sizes."""
     fine, coarse = rng.standard_normal(shape), rng.standard_normal(shape)
@@ -438,7 +434,8 @@ def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float],
     reach, heights = np.maximum.accumulate(inside[:, 0]) - clearance, np.maximum.accumulate(inside[:, 1])
 
     def make(cargo: str, rng: np.random.Generator) -> list[Part]:
-        material, made = cargo_material(cargo), []
+        material = Material(f"grab_{cargo}", texture=textures.load(cargo), tile_m=1.4, specular=0.05, shininess=0.1)
+        made = []
         for level in CARGO_LEVELS:
             x, y, r, smooth, share = form(level)
             crest = smooth + lumps(rng, r.shape, LUMPS_M[cargo]) * share

@@ -49,15 +49,12 @@ class _Peel:
         self.keys = keys
         line = kit.curve(_CURVE, 60)
         self.scale = s = Scale.of(keys, float(np.trapezoid(np.pi * line[:, 0] ** 2, line[:, 1])), round_=True)
-        self.curve = kit.curve([(r * s.x, z * s.z) for r, z in _CURVE])
+        self.curve = kit.curve([s.at(*point) for point in _CURVE])
         self.plate = 0.014 + 0.004 * s.mean
         self.azimuths = [(k + 0.5) * 2 * np.pi / keys.tines for k in range(keys.tines)]
-        self.hinge, self.head_pin = self._at(*_HINGE), self._at(*_HEAD_PIN)
-        self.jaw_pin = self._at(*_JAW_PIN)
+        self.hinge, self.head_pin = s.at(*_HINGE), s.at(*_HEAD_PIN)
+        self.jaw_pin = s.at(*_JAW_PIN)
         self.tine_pin = self.hinge[0] + self.jaw_pin[0], self.hinge[1] + self.jaw_pin[1]
-
-    def _at(self, r: float, z: float) -> tuple[float, float]:
-        return r * self.scale.x, z * self.scale.z
 
     def design(self) -> Design:
         return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
@@ -90,7 +87,7 @@ class _Peel:
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
-        cylinder = Cylinder(self.hinge, self._at(*_CYLINDER_HEAD_PIN), self.jaw_pin)
+        cylinder = Cylinder(self.hinge, self.scale.at(*_CYLINDER_HEAD_PIN), self.jaw_pin)
         (hx, hz), (px, pz) = self.hinge, cylinder.head_pin
         end = np.subtract(self.tine_pin, cylinder.head_pin)
         along = end / np.linalg.norm(end)
@@ -279,7 +276,7 @@ class _Peel:
         return parts + kit.access(keys, corners, high, 0.5, (radius * 0.93 + 0.05, low - 0.05, high))
 
     def _lugs(self) -> trimesh.Trimesh:
-        (ax, az), s = (self.head_pin if self.keys.drive == "ropes" else self._at(*_CYLINDER_HEAD_PIN)), self.scale
+        (ax, az), s = (self.head_pin if self.keys.drive == "ropes" else self.scale.at(*_CYLINDER_HEAD_PIN)), self.scale
         eye, apart, thick = 0.06 * s.mean + 0.03, 0.03 * s.mean + 0.03, 0.018 + 0.006 * s.mean
         low, high = (z * s.z for z in _CROWN)
         foot = shapely.box(0.30 * s.x, low + 0.02, 0.38 * s.x, high - 0.03)

@@ -45,7 +45,7 @@ class _Scissors(Shells):
         # The wider the shells for their height, the higher do they swing: longer links keep them below the yoke.
         raised = 0.3 * max(0.0, self.scale.x - self.scale.z)
         self.yoke = tuple(z * self.scale.z + raised for z in _YOKE)
-        self.handle_pin = self.at(*_HANDLE)
+        self.handle_pin = self.scale.at(*_HANDLE)
         self.head_pin = _HEAD_PIN[0] * self.scale.x, _HEAD_PIN[1] * self.scale.z + raised
         self.handle = self.handle_pin[0], self.hinge[1] + self.handle_pin[1]
         self.crank = SliderCrank(self.hinge, self.head_pin, self.handle_pin)

@@ -85,8 +85,6 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     rng : numpy.random.Generator
         Generator that shifts the masks, so that wear differs between grabs.
     """
-    if cargo not in _DUST:
-        raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(_DUST))}")
     shift = rng.integers(_SIZE, size=2)
     mixed = partial(_mixed, paint, wear, residue, cargo, (int(shift[0]), int(shift[1])))
     return Finish(**{

@@ -94,13 +94,9 @@ def i_section(height: float, width: float, web: float, flange: float) -> shapely
     return shapely.Polygon(right + [(-x, z) for x, z in reversed(right)])
 
 
-def disc(outline: Sequence[tuple[float, float]], centre: ArrayLike, sections: int = 24) -> trimesh.Trimesh:
-    """Turn a closed (radius, offset) outline about the y axis through ``centre``."""
-    ring = np.array([*outline, outline[0]], float)
-    mesh = trimesh.creation.revolve(ring, sections=sections)
-    outward(mesh)
-    p = np.asarray(mesh.vertices)
-    return solid(np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) + np.asarray(centre, float), mesh.faces)
+def turned(outline: Sequence[tuple[float, float]], sections: int) -> trimesh.Trimesh:
+    """Turn a closed (radius, z) outline about the z axis."""
+    return outward(trimesh.creation.revolve(np.array([*outline, outline[0]], float), sections=sections))
 
 
 def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections: int = 16) -> trimesh.Trimesh:
@@ -117,7 +113,9 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
     ]
     groove = (bottom, 0.3 * half)
     outline = [*side, groove, *[(r, -o) for r, o in reversed([*side, groove])]]
-    return disc(outline, centre, sections)
+    mesh = turned(outline, sections)
+    p = np.asarray(mesh.vertices)
+    return solid(np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) + np.asarray(centre, float), mesh.faces)
 
 
 def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:

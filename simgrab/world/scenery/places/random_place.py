@@ -132,9 +132,8 @@ def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trime
         case 0 | 1:
             return steel.block((-x / 2, -y / 2, 0), (x / 2, y / 2, z), 0.02)
         case 2:
-            ring = np.array([(0.01, 0), (x / 2, 0), (x / 2 * rng.uniform(0.3, 1.0), z), (0.01, z), (0.01, 0)])
-            mesh = steel.outward(trimesh.creation.revolve(ring, sections=int(rng.choice([5, 6, 8, 20]))))
-            return steel.solid(mesh.vertices, mesh.faces)
+            ring = [(0.01, 0), (x / 2, 0), (x / 2 * rng.uniform(0.3, 1.0), z), (0.01, z)]
+            return steel.turned(ring, int(rng.choice([5, 6, 8, 20])))
         case 3:
             lies = min(x, z) / 2
             return shapes.bar((0, -y / 2, lies), (0, y / 2, lies), lies, sides=16)
