@@ -22,7 +22,7 @@ from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
 from simgrab.model.srgb import encoded
 from simgrab.world.scenery.grabs.formats import gltf_extensions as extensions
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape
+from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, some
 from simgrab.world.scenery.grabs.formats.gltf_materials import Materials
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -149,14 +149,11 @@ class _Scene:
             shapes += self._of_node(number, pose, above, poses)
             if len(shapes) > 2 * MOST_NODES:
                 raise self._refuse(f"shows more than {2 * MOST_NODES} primitives: join some")
-        hidden = [number for number, node in enumerate(self._nodes) if "mesh" in node and number not in poses]
-        levels = {one for node in self._nodes for one in _extension(node, "MSFT_lod").get("ids", [])}
-        hidden = [number for number in hidden if number not in levels]
+        known = {*poses, *(one for node in self._nodes for one in _extension(node, "MSFT_lod").get("ids", []))}
+        hidden = [self._names[i] for i, node in enumerate(self._nodes) if "mesh" in node and i not in known]
         if hidden:
-            some = ", ".join(shown(self._names[number]) for number in hidden[:6])
-            more = f" and {len(hidden) - 6} more" if len(hidden) > 6 else ""
-            self._doubts[f"Hidden, or not in the scene that is shown: {some}{more}. Export them in that scene if they "
-                         "are of the grab."] = None  # fmt: skip
+            self._doubts[f"Hidden, or not in the scene that is shown: {some(hidden)}. Export them in that scene if "
+                         "they are of the grab."] = None  # fmt: skip
         for key in ("animations", "cameras"):
             if self._content.get(key):
                 self._unread[key] = None

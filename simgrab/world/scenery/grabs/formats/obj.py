@@ -7,7 +7,6 @@ Of the 68 cases of the tests that state a shape or a refusal, trimesh 5.2 gets 6
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from simgrab.io import models
 from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, FileMaterial, Shape, stated_unit
+from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, FileMaterial, Shape, some, stated_unit
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _FREE_FORM = {"vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp",
@@ -114,7 +113,7 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
     used = dict.fromkeys(name for *_, name in parts if name)
     unknown = [name for name in used if name not in library]
     if unknown and not model.missing:
-        doubts.append(f"No material library has {_some(unknown)}: its faces are painted by paint_rgb. Name the library "
+        doubts.append(f"No material library has {some(unknown)}: its faces are painted by paint_rgb. Name the library "
                       "by mtllib.")  # fmt: skip
     doubts += [
         f"Material {shown(name)}: faces without texture coordinates (vt) show Kd in place of its texture."
@@ -196,19 +195,14 @@ def _levels(colours: dict[int, tuple[float, ...]], count: int) -> Array | None:
 def _of_keywords(keywords: set[str]) -> list[str]:
     doubts = []
     if surfaces := keywords & _FREE_FORM:
-        doubts.append(f"It has free-form curves or surfaces ({_some(sorted(surfaces))}), which are not shown: export "
+        doubts.append(f"It has free-form curves or surfaces ({some(sorted(surfaces))}), which are not shown: export "
                       "them as triangles.")  # fmt: skip
     if others := keywords & _OTHER_FILES:
-        doubts.append(f"It refers to other files by {_some(sorted(others))}, which are not read: export one file.")
+        doubts.append(f"It refers to other files by {some(sorted(others))}, which are not read: export one file.")
     known = _FREE_FORM | _OTHER_FILES | _SAID_NOTHING_OF | {"l", "p"}
     if unknown := sorted(keywords - known):
-        doubts.append(f"It has lines that are not of the format: {_some(unknown)}. They are not read.")
+        doubts.append(f"It has lines that are not of the format: {some(unknown)}. They are not read.")
     return doubts
-
-
-def _some(names: Iterable[str]) -> str:
-    listed = [shown(name) for name in names]
-    return ", ".join(listed[:6]) + (f" and {len(listed) - 6} more" if len(listed) > 6 else "")
 
 
 # Material libraries.
