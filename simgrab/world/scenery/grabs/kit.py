@@ -449,15 +449,7 @@ def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float],
 
 def heap(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> trimesh.Trimesh:
     """Close the space between two grids of points, shapes (n, m, 3), the second below the first."""
-    n, m = top.shape[:2]
-    grid = np.arange(n * m).reshape(n, m)
-    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
-    upper = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    rim = np.concatenate([grid[:-1, 0], grid[-1, :-1], grid[:0:-1, -1], grid[0, :0:-1]])
-    after, below = np.roll(rim, -1), grid + grid.size
-    low, low_after = below.ravel()[rim], below.ravel()[after]
-    skirt = np.concatenate([np.stack([rim, low, low_after], -1), np.stack([rim, low_after, after], -1)])
-    return solid(
-        np.concatenate([top.reshape(-1, 3), bottom.reshape(-1, 3)]),
-        np.concatenate([upper, upper[:, ::-1] + grid.size, skirt]),
-    )
+    upper, rim = shapes.grid(*top.shape[:2])
+    after, down = np.roll(rim, -1), top.shape[0] * top.shape[1]
+    skirt = [np.stack(way, -1) for way in ((rim, rim + down, after + down), (rim, after + down, after))]
+    return solid(np.concatenate([top, bottom]).reshape(-1, 3), np.concatenate([upper, upper[:, ::-1] + down, *skirt]))

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 Axis = Literal["x", "y", "z"]
 
@@ -121,6 +121,14 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
 def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
     """Put closed meshes into one, vertices unmerged, so that it stays watertight."""
     return trimesh.util.concatenate(list(meshes))
+
+
+def grid(n: int, m: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the triangles of a grid of n × m points, row by row, and the points of its rim, counter-clockwise."""
+    i = np.arange(n * m).reshape(n, m)
+    a, b, c, d = (quarter.ravel() for quarter in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
+    rim = np.concatenate([i[:-1, 0], i[-1, :-1], i[:0:-1, -1], i[0, :0:-1]])
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), rim
 
 
 def at_y(mesh: trimesh.Trimesh, *places: float) -> trimesh.Trimesh:

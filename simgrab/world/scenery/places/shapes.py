@@ -183,14 +183,11 @@ def sheet(x: ArrayLike, y: ArrayLike, z: ArrayLike, *, bottom: float) -> trimesh
     x, y, z = np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)
     n, m = len(x), len(y)
     top = np.stack([*np.meshgrid(x, y, indexing="ij"), np.broadcast_to(z, (n, m))], axis=-1).reshape(-1, 3)
-    index = np.arange(n * m).reshape(n, m)
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    faces = [np.stack([p.ravel() for p in t], 1) for t in ((a, b, c), (a, c, d))]
-    rim = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
+    upper, rim = steel.grid(n, m)
     low = n * m + np.arange(len(rim))
     nxt, low_nxt = np.roll(rim, -1), np.roll(low, -1)
     centre = np.full(len(rim), n * m + len(rim))
-    faces += [np.stack(t, 1) for t in ((rim, low, low_nxt), (rim, low_nxt, nxt), (low, centre, low_nxt))]
+    skirt = [np.stack(t, 1) for t in ((rim, low, low_nxt), (rim, low_nxt, nxt), (low, centre, low_nxt))]
     under = np.column_stack([top[rim][:, :2], np.full(len(rim), bottom)])
     middle = [[(x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2, bottom]]
-    return steel.solid(np.concatenate([top, under, middle]), np.concatenate(faces))
+    return steel.solid(np.concatenate([top, under, middle]), np.concatenate([upper, *skirt]))
