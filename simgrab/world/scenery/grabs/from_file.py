@@ -22,8 +22,9 @@ from simgrab.io.models import MOST_FACES, ModelFile
 from simgrab.io.parse import shown
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Mesh
-from simgrab.world.scenery.grabs import formats, kit
+from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.design import Body, Design
+from simgrab.world.scenery.grabs.formats import gltf, obj, ply, stl
 from simgrab.world.scenery.grabs.formats.contents import Contents, Shape
 from simgrab.world.scenery.grabs.looks import ShapeMaterials
 from simgrab.world.scenery.grabs.loose import loose
@@ -40,6 +41,7 @@ _UP = {  # by the file's axis that points up: rows are our axes, z up, in those 
     "y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)), "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     "x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)), "-x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
 }  # fmt: skip
+_READERS = {"glb": gltf.read, "gltf": gltf.read, "obj": obj.read, "ply": ply.read, "stl": stl.read}
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +301,7 @@ def _contents(model: ModelFile) -> Contents:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy's, of what is refused later
-            return formats.read(model, lambda problem: _refuse(f"{model.name}: {problem}"))
+            return _READERS[model.format](model, lambda problem: _refuse(f"{model.name}: {problem}"))
     except SimgrabError:
         raise
     except MemoryError:
