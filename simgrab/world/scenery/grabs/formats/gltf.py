@@ -79,11 +79,6 @@ class _Buffers:
             return np.asarray(np.maximum(rows / float(np.iinfo(kind).max), -1.0))
         return rows
 
-    def has(self, index: int) -> bool:
-        """Whether an accessor has data of its own."""
-        accessor = self._content["accessors"][index]
-        return "bufferView" in accessor or "sparse" in accessor
-
     def _rows(self, place: Mapping[str, Any], kind: np.dtype[Any], width: int, count: int) -> NDArray[Any]:
         view = self._content["bufferViews"][place["bufferView"]]
         data = self.view(place["bufferView"])
@@ -211,7 +206,7 @@ class _Scene:
             return None
         at = primitive["attributes"]["POSITION"]
         compressed = sorted(extensions.COMPRESSED & set(primitive.get("extensions", {})))
-        if compressed and not self._buffers.has(at):
+        if compressed and not {"bufferView", "sparse"} & set(self._content["accessors"][at]):
             raise self._refuse(f"needs {compressed[0]}: export it without compression")
         vertices = self._buffers.read(at, (3,)).astype(float)
         targets = [(w, target) for w, target in zip(weights, primitive.get("targets", []), strict=False) if w]
