@@ -33,7 +33,7 @@ MOST_FACES = 500_000
 MOST_JSON_BYTES = 8 * 2**20
 MOST_LINES = 4_000_000
 """Of an OBJ file or a material library."""
-MOST_NODES, MOST_LEVELS, MOST_MATERIALS = 2_000, 64, 100
+MOST_NODES, MOST_MATERIALS = 2_000, 100
 """Of a glTF file."""
 
 
@@ -342,12 +342,10 @@ def _shown(content: Mapping[str, Any], refuse: Refuse) -> tuple[int, int]:
     for name, most in (("nodes", MOST_NODES), ("materials", MOST_MATERIALS)):
         if len(tables(content, name, refuse)) > most:
             raise refuse(f"has {len(content[name])} {name}; the limit is {most}")
-    nodes = tables(content, "nodes", refuse)
-    _check_levels(nodes, refuse)
     counts = [_count(entry.get("count", 0), refuse) for entry in tables(content, "accessors", refuse)]
     try:
         sizes = [_size(mesh.get("primitives", []), counts) for mesh in tables(content, "meshes", refuse)]
-        shown_by = [sizes[node["mesh"]] for node in nodes if "mesh" in node]
+        shown_by = [sizes[node["mesh"]] for node in tables(content, "nodes", refuse) if "mesh" in node]
     except (LookupError, TypeError, AttributeError):
         raise refuse("its meshes name accessors that are not there") from None
     # A mesh is parsed even where no node shows it.
@@ -363,21 +361,6 @@ def _size(primitives: list[dict[str, Any]], counts: list[int]) -> tuple[int, int
     ]
     strips = [one.get("mode") in (5, 6) for one in primitives]  # a triangle for each corner
     return sum(n if strip else n // 3 for n, strip in zip(corners, strips, strict=True)), sum(vertices)
-
-
-def _check_levels(nodes: list[dict[str, Any]], refuse: Refuse) -> None:
-    parents: dict[int, int] = {}
-    for number, node in enumerate(nodes):
-        children = node.get("children", [])
-        for child in children if isinstance(children, list) else []:
-            if isinstance(child, int):
-                parents[child] = number
-    for number in parents:
-        levels, above = 0, number
-        while above in parents:
-            above, levels = parents[above], levels + 1
-            if levels > MOST_LEVELS:
-                raise refuse(f"its nodes are nested in a circle, or more than {MOST_LEVELS} deep")
 
 
 def _count(value: Any, refuse: Refuse) -> int:

@@ -542,6 +542,7 @@ GLTF = {
     "levels of detail": (Gltf.levels, nodes(("Box",)) | PLAIN),
     "camera with a child": (Gltf.camera, CLOSED | nodes(("Box", "0")) | {"left_out": "cameras"}),
     "scene that is not shown": (Gltf.other_scene, says("'Elsewhere'", size=(2, 2, 2))),
+    "nodes in a long chain and a circle": (Gltf.nested, CLOSED),
     "no scene": (lambda g: [g.content.pop(key) for key in ("scene", "scenes")] and None, CLOSED),
     "equal names": (Gltf.twice, {"size": (5, 2, 2)} | nodes(("a",), ("a_1",))),
     "mirrored": (simple(node={"scale": [-1, 1, 1]}), CLOSED),
