@@ -15,7 +15,7 @@ from simgrab.io import models
 from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, FileMaterial, Shape, some, stated_unit
+from simgrab.world.scenery.grabs.formats.contents import Contents, FileMaterial, Shape, some, stated_unit
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _FREE_FORM = {"vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp",
@@ -24,7 +24,6 @@ _OTHER_FILES = {"call", "csh", "maplib", "usemap", "shadow_obj", "trace_obj"}
 _SAID_NOTHING_OF = {"s", "mg", "vn", "lod", "bevel", "c_interp", "d_interp", "mtllib"}
 _PLAIN_MAPS = {"map_ka", "map_ks", "map_ns", "map_bump", "bump", "disp", "decal", "refl", "norm", "map_pr", "map_pm",
                "map_ps", "map_ke", "map_aat"}  # fmt: skip
-_BOUNDLESS = 2**40  # a missing index of a texture coordinate, where none can be
 
 _Part = tuple[str, str, str]
 """Names of object, group and material; empty where there is none."""
@@ -136,9 +135,11 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
 
 
 def _absolute(index: int, count: int) -> int:
-    if index >= 0:
-        return index or _BOUNDLESS
-    return count + 1 + index if count + 1 + index > 0 else -_BOUNDLESS
+    """Count from 1 what an index names, which may count back from the last of ``count``."""
+    number = index if index >= 0 else count + 1 + index
+    if number < 1:
+        raise ValueError("before the first")
+    return number
 
 
 def _shapes(
@@ -151,8 +152,9 @@ def _shapes(
     shapes = []
     for (owner, group, material), polygons in parts.items():
         v, vt = np.array(polygons.v, np.int64) - 1, np.array(polygons.vt, np.int64) - 1
-        _check(v, 0, len(points), "vertex", refuse)
-        _check(vt, -1, len(uvs), "texture coordinate", refuse)
+        for indices, count, what in ((v, len(points), "vertex"), (vt, len(uvs), "texture coordinate")):
+            if len(wrong := indices[indices >= count]):
+                raise refuse(f"a face names {what} {wrong[0] + 1} of {count}")
         corners, _ = triangles(points[v], np.array(polygons.sizes, np.int64))
         if not len(corners):
             continue
@@ -174,13 +176,6 @@ def _shapes(
         nodes = tuple(dict.fromkeys(node for node in (name, group, owner) if node))
         shapes.append(Shape(nodes, points[used], faces, surface, uv, own))
     return shapes
-
-
-def _check(indices: Faces, least: int, count: int, what: str, refuse: Refuse) -> None:
-    wrong = indices[(indices < least) | (indices >= count)]
-    if len(wrong):
-        number = f"{what} {wrong[0] + 1}" if abs(wrong[0]) < _BOUNDLESS - 1 else f"a {what} before the first"
-        raise refuse(f"a face names {number} of {count}")
 
 
 def _levels(colours: dict[int, tuple[float, ...]], count: int) -> Array | None:
