@@ -150,6 +150,8 @@ OBJ = {
     "continued lines without a space": (box(faces=FACES.replace(" ", "\\\r\n")), CLOSED),
     "latin-1": (("o Greifer\xfc\n" + box()).encode("latin-1"), nodes(("Greifer\xfc",))),
     "comments at ends and between": ("# a\n" + box("#\n"), CLOSED),
+    "comments behind numbers": (using(MTL.replace("8\n", "8 # blue\n"), faces=FACES.replace("\n", " # face\n")),
+                                STEEL | CLOSED | PLAIN),
     "normals": (box("vn 0 0 1\n"), CLOSED),
     "normals without texture coordinates": (box("vn 0 0 1\n", NORMALS), CLOSED | PAINTED),
     "texture coordinates without a material": (box(UVS, UV_FACES), PAINTED),

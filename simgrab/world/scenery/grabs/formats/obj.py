@@ -51,7 +51,7 @@ class _Text:
 
     def add(self, line: str) -> None:
         """Take the next line."""
-        words = line.split()
+        words = line.partition("#")[0].split()
         match words[0]:
             case "v":
                 if len(words) >= 7:
@@ -234,7 +234,7 @@ def _material(model: ModelFile, file: str, lines: dict[str, tuple[str, str]]) ->
     """Make a material of its lines."""
     doubts, rgb, texture, scale, offset = list[str](), (1.0, 1.0, 1.0), None, (1.0, 1.0), (0.0, 0.0)
     if "kd" in lines:
-        words = lines["kd"][1].split()
+        words = lines["kd"][1].partition("#")[0].split()
         levels = [min(max(level, 0.0), 1.0) for word in words if (level := _number(word)) is not None]
         if len(levels) == len(words) and len(levels) in (1, 3):  # one stands for all three
             rgb = (levels[0], levels[len(levels) // 2], levels[-1])
