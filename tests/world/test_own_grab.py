@@ -108,15 +108,10 @@ JAWS = (
 )
 
 
-def vertices(design, opening=0.0):
-    frames = design.frames(opening)
-    return {b.name: trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in design.bodies}
-
-
 @pytest.mark.parametrize("kind", ["glb", "gltf", "obj", "ply", "stl"])
 def test_every_format_gives_the_same_grab(files, kind):
     design = design_of(Mesh.of(files[kind]))
-    low, high = (f(np.concatenate(list(vertices(design).values())), axis=0) for f in (np.min, np.max))
+    low, high = (f(np.concatenate(list(design.points(0.0).values())), axis=0) for f in (np.min, np.max))
     np.testing.assert_allclose(low, (-1.2, -0.3, -0.8), atol=1e-6)
     np.testing.assert_allclose(high, (1.2, 0.3, 0.8), atol=1e-6)
     steel = 2.4 * 0.6 * 0.4 + 2 * 0.2 * 0.5 * 1.2
@@ -158,7 +153,7 @@ def test_the_axis_that_points_up_and_the_unit(tmp_path, up, matrix):
     lying.apply_transform(np.block([[1000 * np.asarray(matrix, float), np.zeros((3, 1))], [np.zeros(3), 1.0]]))
     lying.export(tmp_path / "a.stl")
     design = design_of(Mesh.of(tmp_path / "a.stl", up=up, scale=0.001))
-    points = vertices(design)["head"]
+    points = design.points(0.0)["head"]
     np.testing.assert_allclose(np.ptp(points, axis=0), (2.4, 0.6, 1.6), atol=1e-5)
     top = points[points[:, 2] > 0.79]
     assert np.ptp(top[:, 0]) == pytest.approx(2.4, abs=1e-5)  # the beam, not the hooks
@@ -168,7 +163,7 @@ def test_jaws_turn_about_their_hinges_in_proportion(files):
     design = design_of(Mesh.of(files["glb"], jaws=JAWS))
     assert [body.name for body in design.bodies] == ["head", "jaw_0", "jaw_1"]
     assert np.degrees(design.max_jaw) == pytest.approx(30.0)
-    closed, half = vertices(design), vertices(design, design.max_jaw / 2)
+    closed, half = design.points(0.0), design.points(design.max_jaw / 2)
     np.testing.assert_array_equal(closed["head"], half["head"])
     for name, hinge, degrees in (("jaw_0", (-0.9, 0, 0.4), 10.0), ("jaw_1", (0.9, 0, 0.4), -15.0)):
         a = np.radians(degrees)
@@ -228,7 +223,7 @@ def test_reversed_faces_of_a_closed_piece_are_put_right(tmp_path, reversed_faces
 def test_jaws_slide(files):
     jaws = (JAWS[0], Jaw(node="HookRight", axis=(2.0, 0.0, 0.0), stroke_m=0.4))
     design = design_of(Mesh.of(files["glb"], jaws=jaws))
-    moved = vertices(design, design.max_jaw)["jaw_1"] - vertices(design)["jaw_1"]
+    moved = design.points(design.max_jaw)["jaw_1"] - design.points(0.0)["jaw_1"]
     np.testing.assert_allclose(moved, np.broadcast_to((0.4, 0, 0), moved.shape), atol=1e-12)
 
 
@@ -238,7 +233,7 @@ def test_ropes_end_where_they_are_said_to_and_the_centre_lies_below(files):
     np.testing.assert_allclose(design.terminations[:, :2].mean(axis=0), 0.0, atol=1e-12)
     around = np.unwrap(np.arctan2(design.terminations[:, 1], design.terminations[:, 0]))
     assert np.all(np.diff(around) > 0)  # counter-clockwise, so that ropes do not cross
-    assert vertices(design)["head"][:, 0].min() == pytest.approx(-1.6)
+    assert design.points(0.0)["head"][:, 0].min() == pytest.approx(-1.6)
     given = design_of(Mesh.of(files["glb"], rope_ends_m=ends, centre_m=(0.4, 0.0, 0.5)))
     np.testing.assert_allclose(given.terminations[:, 2], 1.2, atol=1e-12)
 

@@ -153,6 +153,11 @@ class Design:
             found[body.name] = found[body.parent] @ local if body.parent else local
         return found
 
+    def points(self, jaw: float) -> dict[str, Array]:
+        """Return the steel's vertices (n, 3) of every body, grab frame, m, for an opening of the jaws, rad."""
+        frames = self.frames(jaw)
+        return {b.name: trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in self.bodies}
+
     def closing_rope_m(self, jaw: float) -> float:
         """Length that each closing rope pays out, in addition to a holding rope, to open the jaws by an angle, rad."""
         if not len(self.falls) or not self.closing:
@@ -193,17 +198,15 @@ class Design:
     @cached_property
     def depth_m(self) -> float:
         """How far the grab reaches below A, at most, m."""
-        openings = [self.frames(jaw) for jaw in np.linspace(0.0, self.max_jaw, 7)]
-        points = [trimesh.transform_points(b.steel.vertices, at[b.name]) for at in openings for b in self.bodies]
-        return -min(float(of_body[:, 2].min()) for of_body in points)
+        openings = [self.points(jaw).values() for jaw in np.linspace(0.0, self.max_jaw, 7)]
+        return -min(float(of_body[:, 2].min()) for bodies in openings for of_body in bodies)
 
     @cached_property
     def cd_a_m2(self) -> float:
         """Drag coefficient times the area that the closed grab shows to the wind, the mean over all directions, m²."""
         if self.drag_area_m2 is not None:
             return self.drag_area_m2
-        frames = self.frames(0.0)
-        points = np.concatenate([trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in self.bodies])
+        points = np.concatenate(list(self.points(0.0).values()))
         # The mean outline of a convex body upright, over all horizontal directions, by eight of them.
         azimuths = np.arange(8) * np.pi / 8
         views = (points @ [[np.cos(a), 0.0], [np.sin(a), 0.0], [0.0, 1.0]] for a in azimuths)

@@ -130,10 +130,8 @@ def standing(
     """
     falls = np.zeros((0, 2, 3)) if falls is None else falls
     rough = Design(bodies, positions, max_jaw, terminations)
-    frames = rough.frames(0.0)
-    bounds = [trimesh.transform_points(b.steel.vertices, frames[b.name])[:, 2] for b in bodies]
-    low, high = min(float(z.min()) for z in bounds), max(float(z.max()) for z in bounds)
-    down = np.array([0.0, 0.0, -(low + high) / 2])
+    heights = np.concatenate(list(rough.points(0.0).values()))[:, 2]
+    down = np.array([0.0, 0.0, -(float(heights.min()) + float(heights.max())) / 2])
     pose = translation_matrix(down)
     head, *others = bodies
     shifted = [replace(head, parts=[part.moved(pose) for part in head.parts])]
