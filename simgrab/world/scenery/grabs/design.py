@@ -22,6 +22,7 @@ from simgrab.world.scenery.meshes.part import Part
 
 #: Fills of the closed grab for which there is a heap.
 CARGO_LEVELS = (0.25, 0.5, 0.75, 1.0)
+NO_ROPES = np.zeros((0, 2, 3))
 AIR_DRAG = 1.3  # drag coefficient of a body of plates and bars
 
 
@@ -118,8 +119,8 @@ class Design:
     max_jaw: float
     terminations: Array
     closing: Sequence[int] = ()
-    falls: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
-    leads: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    falls: Array = field(default_factory=lambda: NO_ROPES)
+    leads: Array = field(default_factory=lambda: NO_ROPES)
     falls_from: str = ""
     falls_to: str = ""
     lips: Mapping[str, Array] = field(default_factory=dict)

@@ -15,7 +15,7 @@ from trimesh.transformations import translation_matrix
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Shaped
 from simgrab.world.scenery import textures
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, NO_ROPES, Body, Design, Heaps
 from simgrab.world.scenery.grabs.slider_crank import Cylinder
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
@@ -117,10 +117,10 @@ def standing(
     *,
     volume_m3: float,
     closing: Sequence[int] = (),
-    falls: Array | None = None,
-    leads: Array | None = None,
+    falls: Array = NO_ROPES,
+    leads: Array = NO_ROPES,
     between: tuple[str, str] = ("head", "beam"),
-    lips: Mapping[str, Array] | None = None,
+    lips: Mapping[str, Array],
     heaps: Heaps,
 ) -> Design:
     """Make a design of bodies that stand on z = 0, the head first: A comes to half the height of the closed grab.
@@ -128,7 +128,6 @@ def standing(
     Heights of the head, its pins, terminations, ends of falls in the head and heaps are above z = 0.
     ``between`` names the bodies in whose frames falls end; ``leads`` go from the head to the first of them.
     """
-    falls = np.zeros((0, 2, 3)) if falls is None else falls
     rough = Design(bodies, positions, max_jaw, terminations)
     heights = np.concatenate(list(rough.points(0.0).values()))[:, 2]
     down = np.array([0.0, 0.0, -(float(heights.min()) + float(heights.max())) / 2])
@@ -143,10 +142,9 @@ def standing(
         return [part.moved(pose) for part in heaps(cargo, rng)]
 
     return replace(
-        rough, bodies=shifted, terminations=terminations + down, closing=closing, lips=lips or {},
+        rough, bodies=shifted, terminations=terminations + down, closing=closing, lips=lips,
         falls=falls + [down if body == head.name else np.zeros(3) for body in between],
-        leads=np.zeros((0, 2, 3)) if leads is None else leads + [down, np.zeros(3)],
-        falls_from=between[0], falls_to=between[1],
+        leads=leads + [down, np.zeros(3)], falls_from=between[0], falls_to=between[1],
         heaps=lowered, cargo_kg=volume_m3 * CARGO_KG_M3,
     )  # fmt: skip
 
