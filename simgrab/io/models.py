@@ -218,12 +218,11 @@ def _references(name: str, data: bytes, refuse: Refuse) -> Iterator[tuple[str, s
     elif kind in ("obj", "mtl"):
         if max(data.count(b"\n"), data.count(b"\r")) > MOST_LINES:
             raise refuse(f"has more than {MOST_LINES} lines")
-        for line in lines(data) if b"mtllib" in data or kind == "mtl" else ():
-            key, _, value = line.replace("\t", " ").partition(" ")
-            if kind == "obj" and key == "mtllib":
-                yield from (("library", library) for library in libraries(value))
-            elif kind == "mtl" and key.lower() == "map_kd" and (picture := map_name(value)[0]):
-                yield "picture", picture
+        if kind == "obj":
+            yield from (("library", library) for library in libraries(data))
+        else:
+            maps = (map_name(value)[0] for key, value in statements(data) if key.lower() == "map_kd")
+            yield from (("picture", picture) for picture in maps if picture)
     elif kind == "ply":
         yield from (("picture", texture) for texture in textures(data))
 
@@ -238,15 +237,18 @@ def lines(data: bytes) -> Iterator[str]:
     return (line for line in map(str.strip, re.split(r"[\r\n]+", text)) if line and line[0] != "#")
 
 
-def libraries(value: str) -> list[str]:
-    """Return the names of files in a line ``mtllib``; they may contain spaces."""
-    words, found = value[:_MOST_OPTIONS].replace('"', "").split(), list[str]()
-    start = 0
-    for end, word in enumerate(words, 1):
-        if word.lower().endswith(".mtl") or end == len(words):
-            found.append(" ".join(words[start:end]))
-            start = end
-    return found
+def statements(data: bytes) -> Iterator[tuple[str, str]]:
+    """Return the keyword and the rest of each line of an OBJ or MTL file."""
+    for line in lines(data):
+        key, _, value = line.replace("\t", " ").partition(" ")
+        yield key, value.strip()
+
+
+def libraries(data: bytes) -> list[str]:
+    """Return the names of the material libraries of an OBJ file; they may contain spaces."""
+    values = [value for key, value in statements(data) if key == "mtllib"] if b"mtllib" in data else []
+    listed = (value[:_MOST_OPTIONS].replace('"', "") for value in values)
+    return [name for names in listed for name in re.findall(r"(?i)\S.*?\.mtl(?=\s|$)|\S.*", names)]
 
 
 #: Options of MTL's textures, by the most values that each takes.

@@ -207,26 +207,23 @@ def _libraries(model: ModelFile) -> tuple[dict[str, _Material], list[str]]:
     """Read the materials of all libraries that the file names."""
     library: dict[str, _Material] = {}
     doubts = []
-    if b"mtllib" in model.data:
-        for line in models.lines(model.data):
-            for name in models.libraries(line[6:]) if re.match(r"mtllib\s", line) else ():
-                data = model.referred(name)
-                if data is not None:
-                    found = _library(model, name, data)
-                    library = found | library
-                    doubts += [] if found else [f"The material library {shown(name)} has no material (newmtl)."]
+    for name in models.libraries(model.data):
+        data = model.referred(name)
+        if data is not None:
+            found = _library(model, name, data)
+            library = found | library
+            doubts += [] if found else [f"The material library {shown(name)} has no material (newmtl)."]
     return library, doubts
 
 
 def _library(model: ModelFile, file: str, data: bytes) -> dict[str, _Material]:
     stated: dict[str, dict[str, tuple[str, str]]] = {}  # by material and keyword in lower case: the line's two ends
     own: dict[str, tuple[str, str]] = {}
-    for line in models.lines(data):
-        key, _, value = line.replace("\t", " ").partition(" ")
+    for key, value in models.statements(data):
         if key.lower() == "newmtl":
-            own = stated[value.strip()] = {}
-        elif value.strip() or key.lower() not in ("map_kd", "map_d"):
-            own[key.lower()] = key, value.strip()
+            own = stated[value] = {}
+        elif value or key.lower() not in ("map_kd", "map_d"):
+            own[key.lower()] = key, value
     return {name: _material(model, file, lines) for name, lines in stated.items()}
 
 
