@@ -356,13 +356,14 @@ def _shown(content: Mapping[str, Any], refuse: Refuse) -> tuple[int, int]:
 
 
 def _size(primitives: list[dict[str, Any]], counts: list[int]) -> tuple[int, int]:
-    """Count triangles and vertices of a mesh."""
+    """Count triangles and vertices of a mesh; a primitive without any counts too, for it takes time."""
     vertices = [counts[one["attributes"]["POSITION"]] for one in primitives]
     corners = [
         counts[one["indices"]] if "indices" in one else own for one, own in zip(primitives, vertices, strict=True)
     ]
-    strips = [one.get("mode") in (5, 6) for one in primitives]  # a triangle for each corner
-    return sum(n if strip else n // 3 for n, strip in zip(corners, strips, strict=True)), sum(vertices)
+    of_strips = (5, 6)  # modes that have a triangle for each corner
+    faces = (n if one.get("mode") in of_strips else n // 3 for n, one in zip(corners, primitives, strict=True))
+    return sum(faces), sum(max(n, 1) for n in vertices)
 
 
 def _count(value: Any, refuse: Refuse) -> int:

@@ -413,6 +413,7 @@ def web(uri: str) -> bytes:
     return tetra(buffers=[{"byteLength": 36, "uri": uri}])
 
 
+EMPTY = {"attributes": {"POSITION": 0}}
 HOSTILE = {
     "empty.glb": (b"", "not a GLB file"),
     "truncated.glb": (trimesh.exchange.gltf.export_glb(y_up(tongs()))[:900], "truncated"),
@@ -439,6 +440,7 @@ HOSTILE = {
     "passwd.gltf": (web("..%2f..%2fetc/passwd"), "outside its folder"),
     "deep.gltf": (b"[" * 200_000, "not valid JSON"),
     "crowd.gltf": (tetra(900_000, nodes=[{"mesh": 0}] * 1000), "300000000 triangles"),
+    "empty.gltf": (tetra(0, nodes=[{"mesh": 0}] * 1000, meshes=[{"primitives": [EMPTY] * 2000}]), "states 2000000"),
     "counted.gltf": (tetra(10**12), "triangles or more"),
     "minus.gltf": (tetra(-3), "number of elements"),
     "bomb.glb": (textured(png_bomb()), "texture|px"),
