@@ -141,7 +141,7 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     while waiting:
         name = waiting.pop(0)
         about = _about(name, refuse)
-        for kind, found in _references(name, files[name], about):
+        for kind, found in dict.fromkeys(_references(name, files[name], about)):
             target = _target(path.parent, kind, _places(found, name), about)
             if target is None:
                 missing.append(found)

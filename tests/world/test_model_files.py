@@ -7,6 +7,7 @@ import io
 import json
 import re
 import struct
+import time
 
 import numpy as np
 import pytest
@@ -243,6 +244,15 @@ def attacked(folder, files, expected, name="a.obj"):
 @pytest.mark.parametrize("feature", OBJ)
 def test_obj(feature, tmp_path):
     attacked(tmp_path, *OBJ[feature])
+
+
+def test_what_is_named_a_million_times_is_read_once(tmp_path):
+    made, start = Gltf(), time.process_time()
+    made.content["nodes"][0]["children"] = [0] * 10**6
+    libraries = using(MTL + "#\n" * 10_000, mtllib="a.mtl" + "\nmtllib a.mtl" * 10_000)
+    for files in ({"a.glb": made.glb()}, libraries):
+        holds(Found(tmp_path, files), CLOSED)
+        assert time.process_time() - start < 5
 
 
 def test_the_placement_of_an_obj_texture(tmp_path):

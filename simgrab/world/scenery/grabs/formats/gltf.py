@@ -7,6 +7,7 @@ nodes. pygltflib gives the JSON as classes, and reads no accessors.
 from __future__ import annotations
 
 import base64
+from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any
 from urllib.parse import unquote
@@ -157,10 +158,10 @@ class _Scene:
 
     def _walk(self) -> Iterator[tuple[int, Array, tuple[str, ...]]]:
         """Yield the shown nodes' numbers, with their poses and the names of all ancestors."""
-        waiting: list[tuple[int, Array, tuple[str, ...]]] = [(number, np.eye(4), ()) for number in self._roots()]
+        waiting = deque[tuple[int, Array, tuple[str, ...]]]((number, np.eye(4), ()) for number in self._roots())
         seen = set[int]()
         while waiting:
-            number, above, names = waiting.pop(0)
+            number, above, names = waiting.popleft()
             node = self._nodes[number]
             if number in seen or number < 0 or _extension(node, "KHR_node_visibility").get("visible") is False:
                 continue

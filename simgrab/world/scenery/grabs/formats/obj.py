@@ -207,7 +207,7 @@ def _libraries(model: ModelFile) -> tuple[dict[str, _Material], list[str]]:
     """Read the materials of all libraries that the file names."""
     library: dict[str, _Material] = {}
     doubts = []
-    for name in models.libraries(model.data):
+    for name in dict.fromkeys(models.libraries(model.data)):
         data = model.referred(name)
         if data is not None:
             found = _library(model, name, data)
