@@ -92,7 +92,7 @@ class _Clam(Shells):
         radius = 0.05 * self.scale.mean + 0.025
         barrel, piston = kit.cylinder_parts(cylinder, radius, (0.82, 0.75), 0.06, MAX_JAW, *self.arm_y)
         bodies = [
-            kit.body("head", [*self._head(), *self._column(), *self._beam()]),
+            kit.body("head", [*self._head(), self._column(), *self._beam()]),
             *self.pair("shell", self._shell(), "head", self.hinge, self.hinge),
             *self.pair("barrel", barrel, "head", cylinder.head_pin, cylinder.head_pin),
         ]
@@ -324,9 +324,9 @@ class _Clam(Shells):
         one = join([both, bolts])
         return join([one, shapes.half_turn(one)])
 
-    def _column(self) -> list[Part]:
+    def _column(self) -> Part:
         """Column of a hydraulic grab, from the head down to the shells' hinges."""
         s = self.scale
         low, high = self.hinge[1], _GIRDER[0] * s.z + 0.03
         walls = block((-0.18 * s.x, -0.52 * s.y, low), (0.18 * s.x, 0.52 * s.y, high), 0.015)
-        return [Part("column", walls, BARE.body)]
+        return Part("column", walls, BARE.body)

@@ -94,7 +94,7 @@ class _Peel:
         (hx, hz), (px, pz) = self.hinge, cylinder.head_pin
         end = np.subtract(self.tine_pin, cylinder.head_pin)
         along = end / np.linalg.norm(end)
-        bodies = [kit.body("head", [*self._head(), *self._column(), *self._beam()])]
+        bodies = [kit.body("head", [*self._head(), self._column(), *self._beam()])]
         tine = self._tine()
         for k, azimuth in enumerate(self.azimuths):
             bodies.append(kit.hinged(f"tine_{k}", tine, "head", azimuth, (hx, hz), (hx, hz)))
@@ -274,11 +274,11 @@ class _Peel:
         one = join([prism(lug, o - thick / 2, o + thick / 2) for o in (-apart, apart)])
         return join(part.mesh for a in self.azimuths for part in kit.turned([Part("lug", one, BARE.body)], a))
 
-    def _column(self) -> list[Part]:
+    def _column(self) -> Part:
         """Column of a hydraulic grab, from the head down to the tines' hinges."""
         s = self.scale
         tube = prism(_ngon(0.17 * s.x, 20), _HINGE[1] * s.z, _CROWN[0] * s.z + 0.02, "z")
-        return [Part("column", tube, BARE.body)]
+        return Part("column", tube, BARE.body)
 
     def _beam(self) -> list[Part]:
         """Lower block with the tines' hinges, where it is in the closed grab."""
