@@ -165,6 +165,11 @@ class Gltf:
         self.content["nodes"] = [{"name": "a", "mesh": 0}, {"name": "a", "mesh": 0, "translation": [3, 0, 0]}]
         self.content["scenes"][0]["nodes"] = [0, 1]
 
+    def nested(self):
+        """Nodes in a chain whose end has its beginning among its children."""
+        self.content["nodes"] = [{"children": [i + 1], "name": str(i)} for i in range(1999)]
+        self.content["nodes"] += [{"mesh": 0, "children": [0], "name": "Box"}]
+
     def second_uv(self):
         self.texture().material(**base_colour(texCoord=1))
         self.attributes["TEXCOORD_1"] = self.add(UV)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from simgrab.io.models import ModelFile, ModelFiles, remember
+from simgrab.io.models import ModelFile, check_ending, remember
 from simgrab.io.parse import Refuse, read_bytes
 
 FORMATS = ("ttf", "otf")
@@ -30,13 +30,13 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     not a font, or lacks one of `CHARACTERS`.
     """
     path = Path(path)
-    _check_name(path.name, refuse)
+    check_ending(path.name, FORMATS, refuse)
     return of_files(path.name, {path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)}, refuse)
 
 
 def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile:
     """Keep a font given as bytes, with the checks of `read`."""
-    _check_name(name, refuse)
+    check_ending(name, FORMATS, refuse)
     if set(files) != {name} or len(files[name]) > MOST_BYTES:
         raise refuse(f"{name}: is not one font file of at most {MOST_BYTES >> 20} MiB")
     try:
@@ -45,7 +45,7 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile
         raise refuse(f"{name}: is damaged, or not a scalable font") from None
     if missing:
         raise refuse(f"{name}: has no usable glyph for {' '.join(missing)}")
-    return remember(ModelFile(name, ModelFiles(files)))
+    return remember(ModelFile(name, files))
 
 
 def sized(data: bytes | Path, size: int) -> ImageFont.FreeTypeFont:
@@ -68,8 +68,3 @@ def _drawn(font: ImageFont.FreeTypeFont, character: str) -> bytes:
     picture = Image.new("L", (side, side))
     ImageDraw.Draw(picture).text((side // 2, side // 2), character, 255, font, anchor="ms")
     return picture.tobytes()
-
-
-def _check_name(name: str, refuse: Refuse) -> None:
-    if name.rpartition(".")[2].lower() not in FORMATS:
-        raise refuse(f"{name}: must end in one of {', '.join(f'.{ending}' for ending in FORMATS)}")

@@ -14,7 +14,7 @@ import os
 import posixpath
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -33,16 +33,8 @@ MOST_FACES = 500_000
 MOST_JSON_BYTES = 8 * 2**20
 MOST_LINES = 4_000_000
 """Of an OBJ file or a material library."""
-MOST_NODES, MOST_LEVELS, MOST_MATERIALS = 2_000, 64, 100
+MOST_NODES, MOST_MATERIALS = 2_000, 100
 """Of a glTF file."""
-
-
-class ModelFiles(dict[str, bytes]):
-    """Files by their paths, with slashes, relative to the model's folder."""
-
-    def named(self, name: str, of: str) -> bytes | None:
-        """Return the file that the file ``of`` refers to by a name; None if it is missing."""
-        return next((self[place] for place in _places(name, of) if place in self), None)
 
 
 def _places(name: str, of: str) -> list[str]:
@@ -59,25 +51,29 @@ class ModelFile:
     ----------
     name : str
         Name of the model's own file.
-    files : ModelFiles
-        The model's own file and those it refers to, each by its path relative to the model's folder.
+    files : mapping of str to bytes
+        The model's own file and those it refers to, each by its path, with slashes, relative to the model's folder.
     missing : tuple of str
         Pictures and material libraries that it refers to but that are not in its folder.
     """
 
     name: str
-    files: ModelFiles
+    files: Mapping[str, bytes]
     missing: tuple[str, ...] = ()
 
     @property
     def format(self) -> str:
         """One of `FORMATS`."""
-        return self.name.rpartition(".")[2].lower()
+        return ending(self.name)
 
     @property
     def data(self) -> bytes:
         """The model's own file."""
         return self.files[self.name]
+
+    def referred(self, name: str, of: str = "") -> bytes | None:
+        """Return the file that the model, or another of its files, refers to by a name; None if it is missing."""
+        return next((self.files[place] for place in _places(name, of or self.name) if place in self.files), None)
 
     @cached_property
     def sha256(self) -> str:
@@ -87,6 +83,17 @@ class ModelFile:
             return next(iter(digests.values()))
         listed = "".join(f"{digests[name]}  {name}\n" for name in sorted(digests))
         return hashlib.sha256(listed.encode()).hexdigest()
+
+
+def ending(name: str) -> str:
+    """Give the ending of a file's name, in lower case, without its dot."""
+    return name.rpartition(".")[2].lower()
+
+
+def check_ending(name: str, endings: Sequence[str], refuse: Refuse) -> None:
+    """Refuse a file's name that does not end in one of some ways."""
+    if ending(name) not in endings:
+        raise refuse(f"{name}: must end in one of {', '.join(f'.{known}' for known in endings)}")
 
 
 def copied(sha256: str) -> str:
@@ -129,12 +136,12 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
     """
     path = Path(path)
     _check_name(path.name, refuse)
-    files = ModelFiles({path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)})
+    files = {path.name: read_bytes(path, refuse, most_bytes=MOST_BYTES)}
     missing, waiting = list[str](), [path.name]
     while waiting:
         name = waiting.pop(0)
         about = _about(name, refuse)
-        for kind, found in _references(name, files[name], about):
+        for kind, found in dict.fromkeys(_references(name, files[name], about)):
             target = _target(path.parent, kind, _places(found, name), about)
             if target is None:
                 missing.append(found)
@@ -163,17 +170,15 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse, missing: tup
     _check_name(name, refuse)
     if name not in files or sum(map(len, files.values())) > MOST_BYTES or len(files) > MOST_FILES:
         raise refuse(f"{name}: is not a model of at most {MOST_BYTES >> 20} MiB and {MOST_FILES} files")
-    model = ModelFile(name, ModelFiles(files), missing)
+    model = ModelFile(name, files, missing)
     _check_counts(model, _about(name, refuse))
     return remember(model)
 
 
 def _check_name(name: str, refuse: Refuse) -> None:
-    ending = name.rpartition(".")[2].lower()
-    if ending in ("step", "stp"):
+    if ending(name) in ("step", "stp"):
         raise refuse(f"{name}: is a STEP file; convert it by `simgrab grab convert`")
-    if ending not in FORMATS:
-        raise refuse(f"{name}: must end in one of {', '.join(f'.{ending}' for ending in FORMATS)}")
+    check_ending(name, FORMATS, refuse)
 
 
 def _about(name: str, refuse: Refuse) -> Refuse:
@@ -200,7 +205,7 @@ def _leaves(folder: Path, found: str) -> bool:
 
 def _references(name: str, data: bytes, refuse: Refuse) -> Iterator[tuple[str, str]]:
     """Return the references of a file: for each, whether it is a buffer, picture or library, and its name."""
-    kind = name.rpartition(".")[2].lower()
+    kind = ending(name)
     if kind in ("glb", "gltf"):
         content = gltf(kind, data, refuse)
         for table, what in (("buffers", "buffer"), ("images", "picture")):
@@ -213,12 +218,11 @@ def _references(name: str, data: bytes, refuse: Refuse) -> Iterator[tuple[str, s
     elif kind in ("obj", "mtl"):
         if max(data.count(b"\n"), data.count(b"\r")) > MOST_LINES:
             raise refuse(f"has more than {MOST_LINES} lines")
-        for line in lines(data) if b"mtllib" in data or kind == "mtl" else ():
-            key, _, value = line.replace("\t", " ").partition(" ")
-            if kind == "obj" and key == "mtllib":
-                yield from (("library", library) for library in libraries(value))
-            elif kind == "mtl" and key.lower() == "map_kd" and (picture := map_name(value)[0]):
-                yield "picture", picture
+        if kind == "obj":
+            yield from (("library", library) for library in libraries(data))
+        else:
+            maps = (map_name(value)[0] for key, value in statements(data) if key.lower() == "map_kd")
+            yield from (("picture", picture) for picture in maps if picture)
     elif kind == "ply":
         yield from (("picture", texture) for texture in textures(data))
 
@@ -233,15 +237,18 @@ def lines(data: bytes) -> Iterator[str]:
     return (line for line in map(str.strip, re.split(r"[\r\n]+", text)) if line and line[0] != "#")
 
 
-def libraries(value: str) -> list[str]:
-    """Return the names of files in a line ``mtllib``; they may contain spaces."""
-    words, found = value[:_MOST_OPTIONS].replace('"', "").split(), list[str]()
-    start = 0
-    for end, word in enumerate(words, 1):
-        if word.lower().endswith(".mtl") or end == len(words):
-            found.append(" ".join(words[start:end]))
-            start = end
-    return found
+def statements(data: bytes) -> Iterator[tuple[str, str]]:
+    """Return the keyword and the rest of each line of an OBJ or MTL file."""
+    for line in lines(data):
+        key, _, value = line.replace("\t", " ").partition(" ")
+        yield key, value.strip()
+
+
+def libraries(data: bytes) -> list[str]:
+    """Return the names of the material libraries of an OBJ file; they may contain spaces."""
+    values = [value for key, value in statements(data) if key == "mtllib"] if b"mtllib" in data else []
+    listed = (value[:_MOST_OPTIONS].replace('"', "") for value in values)
+    return [name for names in listed for name in re.findall(r"(?i)\S.*?\.mtl(?=\s|$)|\S.*", names)]
 
 
 #: Options of MTL's textures, by the most values that each takes.
@@ -315,7 +322,7 @@ def _check_counts(model: ModelFile, refuse: Refuse) -> None:
         case "glb" | "gltf":
             faces, vertices = _shown(gltf(model.format, data, refuse), refuse)
         case "stl":
-            binary = len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+            binary = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
             faces = (len(data) - 84) // 50 if binary else len(re.findall(rb"(?i)\bfacet\s+normal\b", data))
             if not binary and not faces:
                 raise refuse("is truncated, or not an STL file")
@@ -337,43 +344,26 @@ def _shown(content: Mapping[str, Any], refuse: Refuse) -> tuple[int, int]:
     for name, most in (("nodes", MOST_NODES), ("materials", MOST_MATERIALS)):
         if len(tables(content, name, refuse)) > most:
             raise refuse(f"has {len(content[name])} {name}; the limit is {most}")
-    nodes = tables(content, "nodes", refuse)
-    _check_levels(nodes, refuse)
     counts = [_count(entry.get("count", 0), refuse) for entry in tables(content, "accessors", refuse)]
-    largest = [0, 0]
     try:
         sizes = [_size(mesh.get("primitives", []), counts) for mesh in tables(content, "meshes", refuse)]
-        shown_by = [sizes[node["mesh"]] for node in nodes if "mesh" in node]
+        shown_by = [sizes[node["mesh"]] for node in tables(content, "nodes", refuse) if "mesh" in node]
     except (LookupError, TypeError, AttributeError):
         raise refuse("its meshes name accessors that are not there") from None
-    for some in (sizes, shown_by):  # a mesh is parsed even where no node shows it
-        largest = [max(before, sum(size[i] for size in some)) for i, before in enumerate(largest)]
-    return largest[0], largest[1]
+    # A mesh is parsed even where no node shows it.
+    faces, vertices = (max(sum(size[i] for size in some) for some in (sizes, shown_by)) for i in range(2))
+    return faces, vertices
 
 
 def _size(primitives: list[dict[str, Any]], counts: list[int]) -> tuple[int, int]:
-    """Count triangles and vertices of a mesh."""
+    """Count triangles and vertices of a mesh; a primitive without any counts too, for it takes time."""
     vertices = [counts[one["attributes"]["POSITION"]] for one in primitives]
     corners = [
         counts[one["indices"]] if "indices" in one else own for one, own in zip(primitives, vertices, strict=True)
     ]
-    strips = [one.get("mode") in (5, 6) for one in primitives]  # a triangle for each corner
-    return sum(n if strip else n // 3 for n, strip in zip(corners, strips, strict=True)), sum(vertices)
-
-
-def _check_levels(nodes: list[dict[str, Any]], refuse: Refuse) -> None:
-    parents: dict[int, int] = {}
-    for number, node in enumerate(nodes):
-        children = node.get("children", [])
-        for child in children if isinstance(children, list) else []:
-            if isinstance(child, int):
-                parents[child] = number
-    for number in parents:
-        levels, above = 0, number
-        while above in parents:
-            above, levels = parents[above], levels + 1
-            if levels > MOST_LEVELS:
-                raise refuse(f"its nodes are nested in a circle, or more than {MOST_LEVELS} deep")
+    of_strips = (5, 6)  # modes that have a triangle for each corner
+    faces = (n if one.get("mode") in of_strips else n // 3 for n, one in zip(corners, primitives, strict=True))
+    return sum(faces), sum(max(n, 1) for n in vertices)
 
 
 def _count(value: Any, refuse: Refuse) -> int:

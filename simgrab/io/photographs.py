@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from simgrab.errors import PictureError, first_line
 from simgrab.io import pictures
-from simgrab.io.models import MOST_BYTES, ModelFile, ModelFiles, remember
+from simgrab.io.models import MOST_BYTES, ModelFile, ending, remember
 from simgrab.io.parse import Refuse, is_dir, read_bytes
 from simgrab.io.playback import Playback, aspect_of, open_video, squared, stream_of
 
@@ -72,14 +72,14 @@ def of_files(name: str, files: Mapping[str, bytes], refuse: Refuse) -> ModelFile
     if sum(map(len, files.values())) > MOST_BYTES or len(files) > MOST_FILES:
         raise refuse(f"{name}: more than {MOST_BYTES >> 20} MiB or {MOST_FILES} files")
     for file, data in files.items():
-        if file == name and _ending(file) in VIDEOS:
+        if file == name and ending(file) in VIDEOS:
             _decoded(file, data, refuse)
-        elif _ending(file) in PHOTOGRAPHS:
+        elif ending(file) in PHOTOGRAPHS:
             _photograph(file, data, refuse)
         else:
             known = ", ".join(f".{ending}" for ending in (*PHOTOGRAPHS, *VIDEOS))
             raise refuse(f"{file}: must be a folder, or end in one of {known}")
-    return remember(ModelFile(name, ModelFiles(files)))
+    return remember(ModelFile(name, files))
 
 
 class Sequence:
@@ -87,7 +87,7 @@ class Sequence:
 
     def __init__(self, model: ModelFile, refuse: Refuse) -> None:
         self._model, self._refuse = model, refuse
-        self.is_video = _ending(model.name) in VIDEOS and model.name in model.files
+        self.is_video = ending(model.name) in VIDEOS and model.name in model.files
         self._names = sorted(model.files)
         self._count = _count(model.name, model.data, refuse) if self.is_video else len(self._names)
         self._frames: Iterator[av.VideoFrame] | None = None
@@ -115,10 +115,6 @@ class Sequence:
         except (av.FFmpegError, StopIteration):
             self._frames = None
             raise self._refuse(f"{self._model.name}: frame {self._next} of {self._count} cannot be decoded") from None
-
-
-def _ending(name: str) -> str:
-    return name.rpartition(".")[2].lower()
 
 
 def _photograph(name: str, data: bytes, refuse: Refuse) -> Picture:

@@ -169,8 +169,7 @@ def _loose(reading: ImportedModel) -> list[str]:
 
 
 def _extent(design: Design) -> tuple[Array, Array]:
-    frames = design.frames(0.0)
-    points = np.concatenate([trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in design.bodies])
+    points = np.concatenate(list(design.points(0.0).values()))
     return points.min(axis=0), points.max(axis=0)
 
 

@@ -8,13 +8,14 @@ from functools import cache
 from importlib.util import find_spec
 from itertools import pairwise
 
+import msgspec
 import numpy as np
 import pytest
 import trimesh
 
 from simgrab.errors import ScenarioError
 from simgrab.model import scenes
-from simgrab.model.scenario import Clutter, Scenario
+from simgrab.model.scenario import Clutter
 from simgrab.model.scenario.grab import Assembled, Clamshell, Grab, OrangePeel, Scissors
 from simgrab.world.scenery.clearance import winding
 from simgrab.world.scenery.grabs import FAMILIES, design_of
@@ -71,15 +72,9 @@ def steel(grab: Grab, *stems: str, parts: tuple[str, ...] = ()) -> trimesh.Trime
     """Steel of bodies in the closed grab, by the beginnings of their names, and of some of their parts alone."""
     design = design_of(grab)
     frames = design.frames(0.0)
-    return trimesh.util.concatenate(
-        [
-            part.mesh.copy().apply_transform(frames[body.name])
-            for body in design.bodies
-            if not stems or body.name.startswith(stems)
-            for part in body.parts
-            if not parts or part.name in parts
-        ]
-    )
+    bodies = [body for body in design.bodies if not stems or body.name.startswith(stems)]
+    chosen = [(frames[b.name], part) for b in bodies for part in b.parts if not parts or part.name in parts]
+    return trimesh.util.concatenate([part.mesh.copy().apply_transform(frame) for frame, part in chosen])
 
 
 @each_and_random
@@ -133,11 +128,10 @@ def room(mesh: trimesh.Trimesh, z: float) -> float:
     ],
 )
 def test_the_closed_grab_holds_its_volume(grab: Grab, stem: str, parts: tuple[str, ...], height: float) -> None:
-    grab = type(grab)(**{f: getattr(grab, f) for f in grab.__struct_fields__} | {"height": height})
+    grab = msgspec.structs.replace(grab, height=height)
     shells = steel(grab, stem, parts=parts)
     low, high = shells.bounds[:, 2]
-    backs = steel(grab, stem, parts=("back",))
-    rim = backs.bounds[1, 2]
+    rim = steel(grab, stem, parts=("back",)).bounds[1, 2]
     heights, step = np.linspace(low, rim, 60, retstep=True)
     held = step * sum(room(shells, float(z)) for z in heights[:-1] + step / 2)
     assert held == pytest.approx(grab.volume_m3, rel=0.02)
@@ -211,11 +205,9 @@ def test_jaws_stay_in_their_own_sectors(grab: Grab) -> None:
 
 @each
 def test_what_slides_stays_below_the_head(grab: Grab) -> None:
-    names = [name for name in moves(grab) if name == "beam" or (isinstance(grab, Scissors) and name != "head")]
+    below = ("pivot", "shell", "reeving") if isinstance(grab, Scissors) else ("beam",)
     head = steel(grab, "head", parts=("head_body", "deck"))
-    for name in names:
-        if name.startswith("link"):
-            continue
+    for name in (name for name in moves(grab) if name.startswith(below)):
         body = steel(grab, name).vertices
         for move in moves(grab)[name]:
             assert trimesh.transform_points(body, move)[:, 2].max() < head.bounds[0, 2], name
@@ -248,11 +240,9 @@ def test_the_closing_rope_pays_out_what_the_falls_take(grab: Grab) -> None:
     assert paid[0] == 0.0
     assert np.all(np.diff(paid) > 0)
     if isinstance(grab, Scissors):  # between the levers' upper ends
-        blocks = [
-            [design.frames(float(j))[f"reeving_{side}"][0, 3] for side in ("outer", "inner")] for j in jaws(design)
-        ]
+        frames = [design.frames(float(jaw)) for jaw in jaws(design)]
+        blocks = [[f[f"reeving_{side}"][0, 3] for side in ("outer", "inner")] for f in frames]
         travel = np.ptp(blocks, axis=1) - np.ptp(blocks[0])
-        frames = [design.frames(float(j)) for j in jaws(design)]
         ends = [trimesh.transform_points(design.leads[:, 1], f["shell_outer"]) for f in frames]
         leads = np.linalg.norm(np.array(ends) - design.leads[:, 0], axis=2)
         assert leads.shape[1] == len(design.closing)
@@ -310,7 +300,7 @@ def test_levers_pass_beside_each_other(grab: Scissors) -> None:
     assert all(a[1] < b[0] for a, b in pairwise(spans))
 
 
-@pytest.mark.parametrize("model", ["clamshell", "orange-peel", "scissors"])
+@pytest.mark.parametrize("model", KINDS)
 def test_clamped_draws_are_the_nearest_possible(model: str) -> None:
     changes = {
         "grab": {"model": model, "volume_m3": 12.0}, "frames": 12, "seed": 4,
@@ -320,8 +310,9 @@ def test_clamped_draws_are_the_nearest_possible(model: str) -> None:
     }  # fmt: skip
     free = scenes.load("quay-day", changes)
     clamped = scenes.load("quay-day", changes | {"swing.clamp": True})
+    shut = scenes.load("quay-day", changes | {"swing.jaw_deg": {"dist": "choice", "values": [0.0], "weights": [1]}})
     plan = draw_up(clamped)
-    asked, given = ([iid.draw(scene, frame) for frame in range(12)] for scene in (replace_jaw(free), clamped))
+    asked, given = ([iid.draw(scene, frame) for frame in range(12)] for scene in (shut, clamped))
     moments = [Trajectory(clamped, plan=plan).at(frame) for frame in range(12)]
     with pytest.raises(ScenarioError, match=r'swing\.clamp = \["jaw_deg"\]'):
         [iid.draw(free, frame) for frame in range(12)]
@@ -342,12 +333,6 @@ def test_clamped_draws_are_the_nearest_possible(model: str) -> None:
     jaws = scenes.load("quay-day", changes | {"swing.clamp": ["jaw_deg"]})
     alone = [Trajectory(jaws, plan=plan).at(frame) for frame in range(12)]
     assert [moment.grab.rope_length for moment in alone] == [moment.grab.rope_length for moment in asked]
-
-
-def replace_jaw(scene: Scenario) -> Scenario:
-    """The same draws, but for the jaws."""
-    shut = {"dist": "choice", "values": [0.0], "weights": [1]}
-    return scenes.load("quay-day", {**scene.to_dict(), "swing.jaw_deg": shut})
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -27,14 +27,8 @@ def painted(seed: int, paint=(0.7, 0.3, 0.1), wear: float = 0.2) -> Mapping[str,
     return {body.name: mixed.on(body.parts) for body in GRAB.bodies}
 
 
-def points(jaw: float) -> dict[str, np.ndarray]:
-    """Vertices of every body in the grab frame."""
-    frames = GRAB.frames(jaw)
-    return {b.name: b.steel.vertices @ frames[b.name][:3, :3].T + frames[b.name][:3, 3] for b in GRAB.bodies}
-
-
 def test_the_closed_grab_has_the_stated_size_and_mass() -> None:
-    every = np.concatenate(list(points(0.0).values()))
+    every = np.concatenate(list(GRAB.points(0.0).values()))
     np.testing.assert_allclose(every.max(axis=0), [1.45, 1.2, 1.7], atol=0.001)
     np.testing.assert_allclose(every.min(axis=0), [-1.45, -1.2, -1.7], atol=0.001)
     assert [GRAB.mass_of(0.0, load).mass for load in (0.0, 1.0)] == pytest.approx([10_500.0, 24_000.0])
@@ -42,13 +36,13 @@ def test_the_closed_grab_has_the_stated_size_and_mass() -> None:
 
 def test_halves_are_a_half_turn_apart() -> None:
     for jaw in (0.0, 0.5, GRAB.max_jaw):
-        cloud = points(jaw)
+        cloud = GRAB.points(jaw)
         for stem in ("shell", "arms"):
             np.testing.assert_allclose(cloud[f"{stem}_inner"] * (-1, -1, 1), cloud[f"{stem}_outer"], atol=1e-12)
 
 
 def test_terminations_are_in_the_head_and_falls_run_down_to_the_beam() -> None:
-    head = points(0.0)["head"]
+    head = GRAB.points(0.0)["head"]
     assert np.all((GRAB.terminations > head.min(axis=0)) & (GRAB.terminations < head.max(axis=0)))
     for jaw in np.linspace(0.0, GRAB.max_jaw, 9):
         assert np.all(GRAB.falls[:, 1, 2] + GRAB.frames(jaw)["beam"][2, 3] < GRAB.falls[:, 0, 2])
@@ -57,11 +51,6 @@ def test_terminations_are_in_the_head_and_falls_run_down_to_the_beam() -> None:
 def test_jaw_out_of_range_is_refused() -> None:
     with pytest.raises(ValueError, match="must lie in"):
         GRAB.frames(1.2)
-
-
-def test_unknown_cargo_is_named() -> None:
-    with pytest.raises(ValueError, match="'sand'"):
-        GRAB.heaps("sand", np.random.default_rng(0))
 
 
 def test_another_paint_changes_no_shape_and_repeats_with_its_stream() -> None:

@@ -1,3 +1,5 @@
+"""The jib head's steel, and the ropes that leave it."""
+
 from __future__ import annotations
 
 from functools import cache
@@ -9,13 +11,15 @@ import trimesh
 from simgrab.errors import ScenarioError
 from simgrab.model.scenario import Jib
 from simgrab.world.scenery.clearance import check_camera
+from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.scenery.meshes.jib import CLEAR_Z, SHEAVE_Z, jib_parts
 from simgrab.world.scenery.meshes.part import Part
-from simgrab.world.scenery.meshes.ropes import Ropes
+from simgrab.world.scenery.meshes.ropes import ROPE_CLASSES_M, Ropes, rope_part
 
 NARROW = Jib(rope_spread_x_m=0.2, rope_spread_y_m=0.5, rope_diameter_mm=16)
 WIDE = Jib(rope_spread_x_m=0.8, rope_spread_y_m=1.2, rope_diameter_mm=50)
 CAMERAS = np.array([(0.0, 0.6, -0.3), (0.0, -0.6, -0.3)])
+USUAL = Ropes.of(Jib(), 4)
 HANGING = ("floodlights", "lenses")
 
 
@@ -91,13 +95,37 @@ def test_sheaves_are_tangent_to_the_ropes(parts: tuple[Part, ...], ropes: Ropes)
         assert groove[:, 0].min() == pytest.approx(x - ropes.radius_m, abs=0.005)
 
 
-@pytest.mark.parametrize("centre", [(0.0, 0.6, 0.5), (0.0, 0.6, 0.3)])
-def test_a_camera_in_the_steel_is_refused(parts: tuple[Part, ...], centre: tuple[float, ...]) -> None:
+def test_a_camera_in_the_steel_is_refused_and_none_below_it(parts: tuple[Part, ...]) -> None:
     steel = trimesh.util.concatenate([part.mesh for part in parts])
-    with pytest.raises(ScenarioError, match="jib head's steel"):
+    for centre in ((0.0, 0.6, 0.5), (0.0, 0.6, 0.3)):
+        with pytest.raises(ScenarioError, match="jib head's steel"):
+            check_camera(np.array(centre), steel)
+    for centre in ((0.0, 0.0, 0.0), (0.0, 0.6, -0.3), (1.5, -1.5, -0.8)):
         check_camera(np.array(centre), steel)
 
 
-@pytest.mark.parametrize("centre", [(0.0, 0.0, 0.0), (0.0, 0.6, -0.3), (1.5, -1.5, -0.8)])
-def test_a_camera_below_it_is_not(parts: tuple[Part, ...], centre: tuple[float, ...]) -> None:
-    check_camera(np.array(centre), trimesh.util.concatenate([part.mesh for part in parts]))
+def test_exits_are_centred_on_the_origin() -> None:
+    np.testing.assert_allclose(np.mean(USUAL.exits, axis=0), 0.0, atol=1e-14)
+    np.testing.assert_allclose(np.ptp(USUAL.exits, axis=0), [0.45, 1.1, 0.0], atol=1e-12)
+
+
+def test_ropes_do_not_cross() -> None:
+    top, bottom = np.array(USUAL.exits)[:, :2], four_rope().terminations[:, :2]
+    for s in np.linspace(0.0, 1.0, 21):
+        at = (1 - s) * top + s * bottom
+        gap = np.linalg.norm(at[:, None] - at[None, :], axis=-1) + 9.0 * np.eye(4)
+        assert gap.min() > 0.3
+    # Same corner above and below.
+    np.testing.assert_array_equal(np.sign(top), np.sign(bottom))
+
+
+def test_rope_is_closed_light_and_to_measure() -> None:
+    for length in ROPE_CLASSES_M:
+        part = rope_part(float(length), "rope", USUAL.radius_m)
+        assert part.mesh.is_watertight
+        assert part.mesh.volume > 0
+        assert len(part.mesh.faces) < 3000
+        np.testing.assert_allclose(part.mesh.bounds[:, 2], [0.0, length])
+        assert np.linalg.norm(part.mesh.vertices[:, :2], axis=1).max() <= USUAL.radius_m + 1e-12
+        assert part.uv is not None
+        assert len(part.uv) == len(part.mesh.vertices)

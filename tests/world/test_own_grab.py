@@ -7,6 +7,7 @@ import json
 import pickle
 import re
 import resource
+import shutil
 import struct
 import time
 
@@ -39,8 +40,7 @@ YELLOW = (230, 180, 20, 255)
 
 
 def texture() -> Image.Image:
-    picture = np.zeros((64, 64, 3), np.uint8)
-    picture[:, :] = YELLOW[:3]
+    picture = np.full((64, 64, 3), YELLOW[:3], np.uint8)
     picture[::8] = (20, 20, 20)
     return Image.fromarray(picture)
 
@@ -62,6 +62,20 @@ def tongs() -> trimesh.Scene:
         )
         made.add_geometry(leg, node_name=name, geom_name=name)
     return made
+
+
+def boxes(*stated) -> trimesh.Scene:
+    """Boxes of a name, sides and a place, and the name of the node that they are below, if any."""
+    scene = trimesh.Scene()
+    for name, sides, place, *parent in stated:
+        place, parent = translation_matrix(place), parent[0] if parent else None
+        scene.add_geometry(trimesh.creation.box(sides), name, name, parent_node_name=parent, transform=place)
+    return scene
+
+
+def checked(file, changes=None):
+    """What the check says of a file."""
+    return own_grab.check(own_grab.scene_of(file, changes))
 
 
 def y_up(scene: trimesh.Scene) -> trimesh.Scene:
@@ -94,15 +108,10 @@ JAWS = (
 )
 
 
-def vertices(design, opening=0.0):
-    frames = design.frames(opening)
-    return {b.name: trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in design.bodies}
-
-
 @pytest.mark.parametrize("kind", ["glb", "gltf", "obj", "ply", "stl"])
 def test_every_format_gives_the_same_grab(files, kind):
     design = design_of(Mesh.of(files[kind]))
-    low, high = (f(np.concatenate(list(vertices(design).values())), axis=0) for f in (np.min, np.max))
+    low, high = (f(np.concatenate(list(design.points(0.0).values())), axis=0) for f in (np.min, np.max))
     np.testing.assert_allclose(low, (-1.2, -0.3, -0.8), atol=1e-6)
     np.testing.assert_allclose(high, (1.2, 0.3, 0.8), atol=1e-6)
     steel = 2.4 * 0.6 * 0.4 + 2 * 0.2 * 0.5 * 1.2
@@ -144,7 +153,7 @@ def test_the_axis_that_points_up_and_the_unit(tmp_path, up, matrix):
     lying.apply_transform(np.block([[1000 * np.asarray(matrix, float), np.zeros((3, 1))], [np.zeros(3), 1.0]]))
     lying.export(tmp_path / "a.stl")
     design = design_of(Mesh.of(tmp_path / "a.stl", up=up, scale=0.001))
-    points = vertices(design)["head"]
+    points = design.points(0.0)["head"]
     np.testing.assert_allclose(np.ptp(points, axis=0), (2.4, 0.6, 1.6), atol=1e-5)
     top = points[points[:, 2] > 0.79]
     assert np.ptp(top[:, 0]) == pytest.approx(2.4, abs=1e-5)  # the beam, not the hooks
@@ -154,7 +163,7 @@ def test_jaws_turn_about_their_hinges_in_proportion(files):
     design = design_of(Mesh.of(files["glb"], jaws=JAWS))
     assert [body.name for body in design.bodies] == ["head", "jaw_0", "jaw_1"]
     assert np.degrees(design.max_jaw) == pytest.approx(30.0)
-    closed, half = vertices(design), vertices(design, design.max_jaw / 2)
+    closed, half = design.points(0.0), design.points(design.max_jaw / 2)
     np.testing.assert_array_equal(closed["head"], half["head"])
     for name, hinge, degrees in (("jaw_0", (-0.9, 0, 0.4), 10.0), ("jaw_1", (0.9, 0, 0.4), -15.0)):
         a = np.radians(degrees)
@@ -164,11 +173,8 @@ def test_jaws_turn_about_their_hinges_in_proportion(files):
 
 
 def test_a_jaw_below_a_jaw_moves_with_it(tmp_path):
-    scene = trimesh.Scene()
-    for name, parent, x in (("beam", None, 0.0), ("Arm", None, 1.0), ("Tip", "Arm", 1.0)):
-        box = trimesh.creation.box((0.5, 0.5, 0.5))
-        pose = trimesh.transformations.translation_matrix((x, 0, 0))
-        scene.add_geometry(box, node_name=name, geom_name=name, parent_node_name=parent, transform=pose)
+    small, aside = (0.5, 0.5, 0.5), (1, 0, 0)
+    scene = boxes(("beam", small, (0, 0, 0)), ("Arm", small, aside), ("Tip", small, aside, "Arm"))
     scene.export(tmp_path / "a.glb")
     jaws = tuple(
         Jaw(node=n, hinge_m=(x, 0.0, 0.0), axis=(0, 0, 1), open_deg=40.0) for n, x in (("Tip", 1.6), ("Arm", 0.4))
@@ -211,13 +217,13 @@ def test_reversed_faces_of_a_closed_piece_are_put_right(tmp_path, reversed_faces
     assert body.mass_kg == pytest.approx(7850 * 2, rel=1e-6)
     assert len(body.steel.faces) == 12  # seen from one side
     assert body.steel.volume == pytest.approx(2)
-    assert not any("holes" in doubt for doubt in own_grab.check(own_grab.scene_of(tmp_path / "a.ply")).doubts)
+    assert not any("holes" in doubt for doubt in checked(tmp_path / "a.ply").doubts)
 
 
 def test_jaws_slide(files):
     jaws = (JAWS[0], Jaw(node="HookRight", axis=(2.0, 0.0, 0.0), stroke_m=0.4))
     design = design_of(Mesh.of(files["glb"], jaws=jaws))
-    moved = vertices(design, design.max_jaw)["jaw_1"] - vertices(design)["jaw_1"]
+    moved = design.points(design.max_jaw)["jaw_1"] - design.points(0.0)["jaw_1"]
     np.testing.assert_allclose(moved, np.broadcast_to((0.4, 0, 0), moved.shape), atol=1e-12)
 
 
@@ -227,7 +233,7 @@ def test_ropes_end_where_they_are_said_to_and_the_centre_lies_below(files):
     np.testing.assert_allclose(design.terminations[:, :2].mean(axis=0), 0.0, atol=1e-12)
     around = np.unwrap(np.arctan2(design.terminations[:, 1], design.terminations[:, 0]))
     assert np.all(np.diff(around) > 0)  # counter-clockwise, so that ropes do not cross
-    assert vertices(design)["head"][:, 0].min() == pytest.approx(-1.6)
+    assert design.points(0.0)["head"][:, 0].min() == pytest.approx(-1.6)
     given = design_of(Mesh.of(files["glb"], rope_ends_m=ends, centre_m=(0.4, 0.0, 0.5)))
     np.testing.assert_allclose(given.terminations[:, 2], 1.2, atol=1e-12)
 
@@ -245,9 +251,7 @@ def test_open_surfaces_are_seen_from_both_sides(tmp_path):
 
 def test_a_dataset_keeps_a_copy_and_is_made_again_from_it(files, tmp_path):
     scene = tmp_path / "scene.toml"
-    (tmp_path / "obj").mkdir()
-    for file in files["obj"].parent.iterdir():
-        (tmp_path / "obj" / file.name).write_bytes(file.read_bytes())
+    shutil.copytree(files["obj"].parent, tmp_path / "obj")
     scene.write_text(
         'base = "quay-day"\nframes = 3\nplace.model = "plain"\n'
         '[grab]\nmodel = "mesh"\nfile = "obj/a.obj"\n[swing]\nclamp = true',
@@ -380,11 +384,10 @@ def test_a_video_keeps_the_copy(files, tmp_path):
 # What is wrong with a file, and what is said of it.
 
 
-def box_stl(**changes: float) -> bytes:
-    box = trimesh.creation.box((2, 2, 2))
-    data = bytearray(box.export(file_type="stl"))
-    for offset, value in changes.items():
-        struct.pack_into("<f", data, int(offset[1:]), value)
+def box_stl(first: float = 1.0) -> bytes:
+    """A box, of whose first vertex a coordinate is given."""
+    data = bytearray(trimesh.creation.box((2, 2, 2)).export(file_type="stl"))
+    struct.pack_into("<f", data, 96, first)
     return bytes(data)
 
 
@@ -410,20 +413,15 @@ def web(uri: str) -> bytes:
     return tetra(buffers=[{"byteLength": 36, "uri": uri}])
 
 
-def looped() -> bytes:
-    made = Gltf()
-    made.content["nodes"] = [{"mesh": 0, "children": [1]}, {"children": [0]}]
-    return made.glb()
-
-
+EMPTY = {"attributes": {"POSITION": 0}}
 HOSTILE = {
     "empty.glb": (b"", "not a GLB file"),
     "truncated.glb": (trimesh.exchange.gltf.export_glb(y_up(tongs()))[:900], "truncated"),
     "cut.glb": (trimesh.exchange.gltf.export_glb(y_up(tongs()))[:-400], "truncated"),
     "truncated.stl": (box_stl()[:-30], "truncated"),
-    "nan.stl": (box_stl(o96=float("nan")), "not finite"),
-    "infinite.stl": (box_stl(o96=float("inf")), "not finite"),
-    "far.stl": (box_stl(o96=1e30), "check scale"),
+    "nan.stl": (box_stl(float("nan")), "not finite"),
+    "infinite.stl": (box_stl(float("inf")), "not finite"),
+    "far.stl": (box_stl(1e30), "check scale"),
     "flat.stl": (trimesh.Trimesh([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2)], process=False).export(file_type="stl"),
                  "shows no triangles"),
     "counted.stl": (bytes(80) + struct.pack("<I", 10_000_000) + bytes(50), "truncated"),
@@ -441,12 +439,10 @@ HOSTILE = {
     "web.gltf": (web("https://example.org/a.bin"), "not a file of its folder"),
     "passwd.gltf": (web("..%2f..%2fetc/passwd"), "outside its folder"),
     "deep.gltf": (b"[" * 200_000, "not valid JSON"),
-    "chain.gltf": (tetra(nodes=[{"children": [i + 1]} for i in range(900)]), "deep"),
     "crowd.gltf": (tetra(900_000, nodes=[{"mesh": 0}] * 1000), "300000000 triangles"),
-    "climb.obj": (b"mtllib ../../up/a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n", "outside its folder"),
+    "empty.gltf": (tetra(0, nodes=[{"mesh": 0}] * 1000, meshes=[{"primitives": [EMPTY] * 2000}]), "states 2000000"),
     "counted.gltf": (tetra(10**12), "triangles or more"),
     "minus.gltf": (tetra(-3), "number of elements"),
-    "loop.glb": (looped(), "circle"),
     "bomb.glb": (textured(png_bomb()), "texture|px"),
     "notapicture.glb": (textured(b"\x89PNG\r\n\x1a\n" + bytes(40)), "texture cannot be read"),
     "grab.fbx": (b"Kaydara", "must end in one of"),
@@ -522,8 +518,7 @@ def test_the_check_shows_what_was_understood_and_what_may_be_wrong(files, tmp_pa
 )
 def test_the_check_doubts_jaws_that_close_as_they_open_and_what_lies_in_the_air(files, left, doubt):
     jaws = [msgspec.to_builtins(jaw) for jaw in (replace(JAWS[0], **left), JAWS[1])]
-    changes = {"grab.jaws": jaws, "swing.clamp": True}
-    doubts = " ".join(own_grab.check(own_grab.scene_of(files["glb"], changes)).doubts)
+    doubts = " ".join(checked(files["glb"], {"grab.jaws": jaws, "swing.clamp": True}).doubts)
     about_jaws = re.findall("inwards|hinge|vertical|point of lips_m|apart|touches", doubts)
     assert re.search(doubt, doubts) and len(set(about_jaws)) == 1 if doubt else not about_jaws
 
@@ -545,7 +540,7 @@ def test_the_check_doubts_a_file_that_shows_the_grab_open(tmp_path, grab, shown_
     scene.export(tmp_path / "a.glb")
     ends = {"grab.ropes": len(made.terminations), "grab.rope_ends_m": made.terminations.tolist()}
     changes = ends | {"grab.up": "z", "grab.jaws": jaws, "swing.clamp": True}
-    doubts = " ".join(own_grab.check(own_grab.scene_of(tmp_path / "a.glb", changes)).doubts)
+    doubts = " ".join(checked(tmp_path / "a.glb", changes).doubts)
     assert ("does the file show the grab open" in doubts) == shown_open
     assert not re.search("hinge|vertical|inwards|touches", doubts)
 
@@ -584,56 +579,44 @@ def test_a_long_thin_bar_is_one_piece_and_hostile_crowds_are_quick():
 
 @pytest.mark.parametrize("hollow", [False, True])
 def test_the_check_doubts_a_solid_piece_that_has_most_of_the_mass(tmp_path, hollow):
-    scene, head = trimesh.Scene(), trimesh.creation.box((1, 1, 1.5))
+    scene = boxes(("Head", (1, 1, 1.5), (0, 0, 2)), ("Plate", (2.5, 1, 0.1), (0, 0, 0)))
     if hollow:
-        head.update_faces(np.arange(len(head.faces)) > 0)
-    scene.add_geometry(head, node_name="Head", transform=translation_matrix((0, 0, 2)))
-    scene.add_geometry(trimesh.creation.box((2.5, 1, 0.1)), node_name="Plate")
+        scene.geometry["Head"].update_faces(np.arange(12) > 0)
     scene.export(tmp_path / "a.glb")
-    found = own_grab.check(own_grab.scene_of(tmp_path / "a.glb", {"grab.up": "z"}))
+    found = checked(tmp_path / "a.glb", {"grab.up": "z"})
     assert ("Head, which is closed, is taken as solid steel, 86% of the mass" in " ".join(found.doubts)) != hollow
     assert dict(found.facts)["hangs as"].startswith("one-body")
 
 
 def test_the_check_says_how_many_nodes_it_does_not_list(tmp_path):
-    scene = trimesh.Scene()
-    for i in range(23):
-        scene.add_geometry(
-            trimesh.creation.box((1, 1, 0.1)), node_name=f"N{i:02d}", transform=translation_matrix((0, 0, i / 8))
-        )
-    scene.export(tmp_path / "many.glb")
-    nodes = dict(own_grab.check(own_grab.scene_of(tmp_path / "many.glb", {"grab.up": "z"})).facts)["nodes"]
+    boxes(*((f"N{i:02d}", (1, 1, 0.1), (0, 0, i / 8)) for i in range(23))).export(tmp_path / "many.glb")
+    nodes = dict(checked(tmp_path / "many.glb", {"grab.up": "z"}).facts)["nodes"]
     assert nodes == ", ".join(f"N{i:02d}" for i in range(20)) + ", and 3 more"
 
 
 def test_the_check_gives_points_as_keys_take_them_and_every_node_that_a_jaw_can_name(tmp_path):
     """What is printed can be given again: nothing moves."""
-    scene = trimesh.Scene()
-    scene.add_geometry(trimesh.creation.box((1, 1, 1)), node_name="Head", transform=translation_matrix((0.2, 3, 0)))
+    low = [("Rod", (1, 0.6, 1), (0, -0.2, 0), "Jaw"), ("Shell", (1, 0.6, 1), (0, -0.8, 0), "Jaw")]
+    scene = boxes(("Head", (1, 1, 1), (0.2, 3, 0)), *low)
     scene.graph.update(frame_from="world", frame_to="Jaw", matrix=translation_matrix((0.2, 2, 0)))
-    for name, height in (("Rod", -0.2), ("Shell", -0.8)):
-        pose = translation_matrix((0, height, 0))
-        scene.add_geometry(trimesh.creation.box((1, 0.6, 1)), node_name=name, parent_node_name="Jaw", transform=pose)
     scene.export(tmp_path / "a.glb")
-    found = dict(own_grab.check(own_grab.scene_of(tmp_path / "a.glb")).facts)
+    found = dict(checked(tmp_path / "a.glb").facts)
     assert found["nodes"] == "Jaw (Rod, Shell), Head, Rod, Shell"
     ends = [[float(x) for x in end.split(", ")] for end in re.findall(r"\(([-\d., ]+)\)", found["ropes"])]
     assert np.mean(ends, axis=0) == pytest.approx((0.2, 0.0, 3.5), abs=2e-3)
-    again = own_grab.check(own_grab.scene_of(tmp_path / "a.glb", {"grab.rope_ends_m": ends}))
-    assert dict(again.facts)["centre A"] == found["centre A"]
+    assert dict(checked(tmp_path / "a.glb", {"grab.rope_ends_m": ends}).facts)["centre A"] == found["centre A"]
 
 
-def test_the_check_doubts_what_lies_on_its_side_or_is_too_small(tmp_path):
-    flat = trimesh.creation.box((3.0, 3.0, 0.5))
-    flat.export(tmp_path / "a.stl")
-    found = own_grab.check(own_grab.scene_of(tmp_path / "a.stl"))
-    assert any("check up" in doubt for doubt in found.doubts)
+def test_the_check_doubts_what_lies_on_its_side_or_has_an_implausible_size(tmp_path):
+    trimesh.creation.box((3.0, 3.0, 0.5)).export(tmp_path / "a.stl")
+    assert any("check up" in doubt for doubt in checked(tmp_path / "a.stl").doubts)
     aside = trimesh.util.concatenate([trimesh.creation.box((3, 1, 0.2)), trimesh.creation.box((0.5, 1, 2))])
     aside.vertices[8:, 0] += 1.2
     aside.export(tmp_path / "b.stl")
-    small = own_grab.check(own_grab.scene_of(tmp_path / "b.stl", {"grab.scale": 0.3}))
-    assert any("hang askew" in doubt for doubt in small.doubts)
-    assert any("check scale" in doubt for doubt in small.doubts)
+    askew = checked(tmp_path / "b.stl", {"grab.scale": 0.3}).doubts
+    assert any("hang askew" in doubt for doubt in askew)
+    large = own_grab.remarks(own_grab.scene_of(tmp_path / "b.stl", {"grab.scale": 3.0}).grab)
+    assert all(any("check scale" in doubt for doubt in doubts) for doubts in (askew, large))
 
 
 def test_render_states_size_and_which_axis_seems_to_point_up(tmp_path):
@@ -645,10 +628,3 @@ def test_render_states_size_and_which_axis_seems_to_point_up(tmp_path):
     assert done.exit_code == 0, done.output
     assert "grab.file: z seems to point up" in done.stderr
     assert "grab.file: taken as 2.40 × 2.20 × 2.00 m (x, y, z up), with grab.scale = 1\n" in done.stderr
-
-
-def test_an_implausible_size_is_doubted(tmp_path):
-    trimesh.creation.box((9.0, 3.0, 4.0)).export(tmp_path / "a.stl")
-    size, doubt, *_ = own_grab.remarks(own_grab.grab_of(tmp_path / "a.stl"))
-    assert "9.00 × 3.00 × 4.00 m" in size
-    assert "check scale" in doubt

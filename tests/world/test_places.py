@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
@@ -26,13 +28,11 @@ OPTIONS: dict[str, Quay | Hold | Water | Plain] = {
 }
 FAST = ("quay, grain, high pile", "hold, coal, full", "plain", "water, rough")
 GROUND = ("apron", "water", "deck 0", "deck 1", "deck 2", "deck 3", "deck 4", "hull", "tank top", "quay wall", "yard")
-_BUILT: dict[str, list[Part]] = {}
 
 
+@cache
 def place(name: str) -> list[Part]:
-    if name not in _BUILT:
-        _BUILT[name] = build(OPTIONS[name], head_height=HEIGHT, rng=stream(0, 0, "place"))
-    return _BUILT[name]
+    return build(OPTIONS[name], head_height=HEIGHT, rng=stream(0, 0, "place"))
 
 
 def bodies(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -224,7 +224,7 @@ class Scenario(Strict, frozen=True):
 
 def _unpickled(fields: tuple[Any, ...], known: Iterable[tuple[str, dict[str, bytes]]]) -> Scenario:
     for name, files in known:
-        models.remember(models.ModelFile(name, models.ModelFiles(files)))
+        models.remember(models.ModelFile(name, files))
     return Scenario(*fields)
 
 

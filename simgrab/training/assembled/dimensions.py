@@ -123,8 +123,7 @@ class Dimensions:
 
         Of four sides, each faces an axis.
         """
-        mesh = trimesh.creation.revolve(np.array([*outline, outline[0]], float), sections=sides)
-        shapes.outward(mesh)
+        mesh = shapes.turned(outline, sides)
         if sides == 4:
             mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, (0, 0, 1)))
             mesh.apply_scale((2**0.5, 2**0.5, 1.0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -16,7 +15,7 @@ from simgrab.model.geometry import Array
 from simgrab.model.scenario import Hold, Light, Scenario
 from simgrab.world.scenery.grabs.weight import spread
 from simgrab.world.scenery.meshes import ropes
-from simgrab.world.scenery.meshes.part import Material, Part, Texture, add_parts, add_textures
+from simgrab.world.scenery.meshes.part import Material, Part, Texture, add_materials, add_parts
 from simgrab.world.scenery.plan import Plan, cargo_level
 from simgrab.world.trajectory.moment import Moment
 
@@ -63,7 +62,8 @@ class World:
 
         The model itself has none: MuJoCo would copy a hundred megabytes several times.
         """
-        return _painted(self.materials)
+        pictures = {name: material.picture for name, material in self.materials.items()}
+        return {name: picture for name, picture in pictures.items() if picture is not None}
 
     def pose(self, data: mujoco.MjData, moment: Moment) -> None:
         """Set ``data`` to the moment, and ``model``'s geom groups to its visible geoms: cargo heap and ropes."""
@@ -73,12 +73,7 @@ class World:
         data.mocap_quat[self._mocap("place")] = (np.cos(slew / 2), 0, 0, -np.sin(slew / 2))
         lean, azimuth = state.head or (state.alpha, state.azimuth)
         half = lean / 2
-        data.joint("swing").qpos = (
-            np.cos(half),
-            np.sin(half) * np.sin(azimuth),
-            -np.sin(half) * np.cos(azimuth),
-            0.0,
-        )
+        data.joint("swing").qpos = (np.cos(half), np.sin(half) * np.sin(azimuth), -np.sin(half) * np.cos(azimuth), 0.0)
         if state.head:  # the grab's axis does not go through O: its line hangs from beside it
             pose = state.jib_from_grab
             model.body_pos[model.body("rope_line").id] = pose.translation + state.rope_length * pose.rotation[:, 2]
@@ -162,17 +157,11 @@ def build(scenario: Scenario, plan: Plan, *, textured: bool = False) -> World:
     for number, part in enumerate(plan.balls):
         body = spec.worldbody.add_body(name=f"ball_{number}", mocap=True)
         add_parts(spec, body, [part], group=HIDDEN, prefix=f"ball_{number}")
-    own = chain(plan.place, plan.jib, *plan.bodies.values(), plan.heaps, [rope])
+    own = chain(plan.place, plan.jib, *plan.bodies.values(), plan.heaps, [rope], plan.balls)
     materials = {part.material.name: part.material for part in own}
-    if textured:
-        add_textures(spec, _painted(materials))
+    add_materials(spec, materials.values(), textured=textured)
     model = spec.compile()
     return World(model, plan, _switches(model), materials)
-
-
-def _painted(materials: Mapping[str, Material]) -> dict[str, Texture]:
-    pictures = {name: material.picture for name, material in materials.items()}
-    return {name: picture for name, picture in pictures.items() if picture is not None}
 
 
 def _set_visuals(spec: mujoco.MjSpec, scenario: Scenario) -> None:

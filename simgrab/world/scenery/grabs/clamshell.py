@@ -45,9 +45,11 @@ class _Clam(Shells):
     def __init__(self, keys: Clamshell, ropes_m: tuple[float, float] | None) -> None:
         super().__init__(keys, _HINGE)
         s = self.scale
-        self.head_pin, self.shell_pin = self.at(*_HEAD_PIN), self.at(*_SHELL_PIN)
+        self.head_pin, self.shell_pin = s.at(*_HEAD_PIN), s.at(*_SHELL_PIN)
         self.far_pin = self.hinge[0] + self.shell_pin[0], self.hinge[1] + self.shell_pin[1]
         self.arm_y = (-_ARM_Y * s.y, _ARM_Y * s.y) if keys.arms == 4 or keys.drive == "hydraulic" else (0.0,)
+        self.beam_sheave_z, self.sheave_z = self.hinge[1] + 0.10 * s.z, 1.66 * s.z
+        self.deck_z = _GIRDER[1] * s.z + 0.02
         self.sheave_r = 0.10 + 0.07 * s.mean
         self.sheave_y = tuple(side * 0.34 * s.y + o for side in (-1, 1) for o in (-0.055, 0.055))
         self.ropes_m = ropes_m or (max(0.9 * self.sheave_r, 0.14), 0.34 * s.y)
@@ -76,21 +78,21 @@ class _Clam(Shells):
 
         ropes = self._ends()
         r = 0.9 * self.sheave_r
-        falls = [((x, y, self._sheave_z), (x, y, self._beam_sheave_z - hz)) for y in self.sheave_y for x in (-r, r)]
+        falls = [((x, y, self.sheave_z), (x, y, self.beam_sheave_z - hz)) for y in self.sheave_y for x in (-r, r)]
         return kit.standing(
             bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
             closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self.lips(), heaps=self.heaps(),
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
-        cylinder = Cylinder(self.hinge, self.at(*_CYLINDER_PIN), self.shell_pin)
+        cylinder = Cylinder(self.hinge, self.scale.at(*_CYLINDER_PIN), self.shell_pin)
         start, end = np.array(cylinder.head_pin), np.array(self.far_pin)
         along = (end - start) / np.linalg.norm(end - start)
         axis = (float(along[0]), 0.0, float(along[1]))
         radius = 0.05 * self.scale.mean + 0.025
         barrel, piston = kit.cylinder_parts(cylinder, radius, (0.82, 0.75), 0.06, MAX_JAW, *self.arm_y)
         bodies = [
-            kit.body("head", [*self._head(), *self._column(), *self._beam()]),
+            kit.body("head", [*self._head(), self._column(), *self._beam()]),
             *self.pair("shell", self._shell(), "head", self.hinge, self.hinge),
             *self.pair("barrel", barrel, "head", cylinder.head_pin, cylinder.head_pin),
         ]
@@ -165,10 +167,6 @@ class _Clam(Shells):
 
     # Beam between the shells' pins, closed.
 
-    @property
-    def _beam_sheave_z(self) -> float:
-        return self.hinge[1] + 0.10 * self.scale.z
-
     def _beam(self) -> list[Part]:
         (hx, hz), s, m = self.hinge, self.scale, self.scale.mean
         web_x, end_y, t = 0.205 * s.x, self.half_y - 0.06, 0.010 + 0.008 * m
@@ -204,28 +202,20 @@ class _Clam(Shells):
             Part("ends", shapes.mirrored_y(join(ends)), BARE.hazard if self.keys.markings else BARE.body),
         ]
         if self.keys.drive == "ropes":
-            parts += self._sheaves(self._beam_sheave_z, 0.14)
+            parts += self._sheaves(self.beam_sheave_z, 0.14)
         return parts
 
     # Head, closed.
 
-    @property
-    def _sheave_z(self) -> float:
-        return 1.66 * self.scale.z
-
-    @property
-    def _deck_z(self) -> float:
-        return _GIRDER[1] * self.scale.z + 0.02
-
     def _ends(self) -> Array:
         height = 5.4 * kit.shackle_radius(self.scale.mean) if self.keys.ropes == 1 else 0.42
-        return kit.ends(self.keys.ropes, *self.ropes_m, self._deck_z + height)
+        return kit.ends(self.keys.ropes, *self.ropes_m, self.deck_z + height)
 
     def _head(self) -> list[Part]:
         keys, s = self.keys, self.scale
         body = {"frame": self._frame, "block": self._block, "round": self._drum}[keys.head]()
         parts = [Part("head_body", body, BARE.body), Part("head_lugs", self._head_lugs(), BARE.body)]
-        deck, half_x, half_y = self._deck_z, 0.36 * s.x, 0.72 * s.y
+        deck, half_x, half_y = self.deck_z, 0.36 * s.x, 0.72 * s.y
         if keys.ropes == 1:
             radius = kit.shackle_radius(s.mean)
             foot = block((-0.7 * radius, -0.7 * radius, deck - 0.05), (0.7 * radius, 0.7 * radius, deck + 0.01), 0.01)
@@ -233,7 +223,7 @@ class _Clam(Shells):
         else:
             parts += kit.holders(self._ends(), keys.drive == "ropes", 0.41, 0.44)
         if keys.drive == "ropes":
-            parts += self._sheaves(self._sheave_z, 0.15)
+            parts += self._sheaves(self.sheave_z, 0.15)
         else:
             tank = block((-0.30 * s.x, -0.62 * s.y, deck - 0.02), (0.30 * s.x, -0.44 * s.y, deck + 0.20 * s.z), 0.015)
             motor = rod((0.0, 0.44 * s.y, deck + 0.09 * s.z), (0.0, 0.64 * s.y, deck + 0.09 * s.z), 0.10 * s.mean, 16)
@@ -270,8 +260,8 @@ class _Clam(Shells):
         kerb = outline.difference(outline.buffer(-0.025))
         return join(
             [
-                *(prism(piece, self._deck_z - 0.02, self._deck_z, "z") for piece in pieces),
-                prism(kerb, self._deck_z - 0.002, self._deck_z + 0.04, "z"),
+                *(prism(piece, self.deck_z - 0.02, self.deck_z, "z") for piece in pieces),
+                prism(kerb, self.deck_z - 0.002, self.deck_z + 0.04, "z"),
             ]
         )
 
@@ -293,7 +283,7 @@ class _Clam(Shells):
     def _block(self) -> trimesh.Trimesh:
         """Return a closed box with sloping ends."""
         s = self.scale
-        low, high = _GIRDER[0] * s.z, self._deck_z - 0.019
+        low, high = _GIRDER[0] * s.z, self.deck_z - 0.019
         hy = 0.72 * s.y
         knee = low + 0.4 * (high - low)
         whole = shapely.box(-0.36 * s.x, -hy, 0.36 * s.x, hy)
@@ -311,7 +301,7 @@ class _Clam(Shells):
     def _drum(self) -> trimesh.Trimesh:
         """Round crown on a cross beam that carries the arms."""
         s = self.scale
-        low, high, hy = _GIRDER[0] * s.z, self._deck_z - 0.019, 0.72 * s.y
+        low, high, hy = _GIRDER[0] * s.z, self.deck_z - 0.019, 0.72 * s.y
         outline = shapely.affinity.scale(circle(0.0, 0.0, 1.0, 8), 0.40 * s.x, 0.56 * s.y)
         ring = outline.difference(outline.buffer(-0.03))
         top, half, places = low + 0.6 * (high - low), 0.05 * s.x, (-0.26 * s.x, 0.26 * s.x)
@@ -324,7 +314,7 @@ class _Clam(Shells):
 
     def _head_lugs(self) -> trimesh.Trimesh:
         s, m = self.scale, self.scale.mean
-        x, z = self.head_pin if self.keys.drive == "ropes" else self.at(*_CYLINDER_PIN)
+        x, z = self.head_pin if self.keys.drive == "ropes" else s.at(*_CYLINDER_PIN)
         low, high = (v * s.z for v in _GIRDER)
         eye, apart = 0.05 * m + 0.03, 0.05 * m + 0.02
         foot = shapely.box(0.22 * s.x, low + 0.01, 0.32 * s.x, high - 0.01)
@@ -334,9 +324,9 @@ class _Clam(Shells):
         one = join([both, bolts])
         return join([one, shapes.half_turn(one)])
 
-    def _column(self) -> list[Part]:
+    def _column(self) -> Part:
         """Column of a hydraulic grab, from the head down to the shells' hinges."""
         s = self.scale
         low, high = self.hinge[1], _GIRDER[0] * s.z + 0.03
         walls = block((-0.18 * s.x, -0.52 * s.y, low), (0.18 * s.x, 0.52 * s.y, high), 0.015)
-        return [Part("column", walls, BARE.body)]
+        return Part("column", walls, BARE.body)

@@ -22,6 +22,7 @@ from simgrab.world.scenery.meshes.part import Part
 
 #: Fills of the closed grab for which there is a heap.
 CARGO_LEVELS = (0.25, 0.5, 0.75, 1.0)
+NO_ROPES = np.zeros((0, 2, 3))
 AIR_DRAG = 1.3  # drag coefficient of a body of plates and bars
 
 
@@ -118,8 +119,8 @@ class Design:
     max_jaw: float
     terminations: Array
     closing: Sequence[int] = ()
-    falls: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
-    leads: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    falls: Array = field(default_factory=lambda: NO_ROPES)
+    leads: Array = field(default_factory=lambda: NO_ROPES)
     falls_from: str = ""
     falls_to: str = ""
     lips: Mapping[str, Array] = field(default_factory=dict)
@@ -152,6 +153,11 @@ class Design:
                 local[:3, :3] = _turn(body.axis, positions[body.name])
             found[body.name] = found[body.parent] @ local if body.parent else local
         return found
+
+    def points(self, jaw: float) -> dict[str, Array]:
+        """Return the steel's vertices (n, 3) of every body, grab frame, m, for an opening of the jaws, rad."""
+        frames = self.frames(jaw)
+        return {b.name: trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in self.bodies}
 
     def closing_rope_m(self, jaw: float) -> float:
         """Length that each closing rope pays out, in addition to a holding rope, to open the jaws by an angle, rad."""
@@ -193,17 +199,15 @@ class Design:
     @cached_property
     def depth_m(self) -> float:
         """How far the grab reaches below A, at most, m."""
-        openings = [self.frames(jaw) for jaw in np.linspace(0.0, self.max_jaw, 7)]
-        points = [trimesh.transform_points(b.steel.vertices, at[b.name]) for at in openings for b in self.bodies]
-        return -min(float(of_body[:, 2].min()) for of_body in points)
+        openings = [self.points(jaw).values() for jaw in np.linspace(0.0, self.max_jaw, 7)]
+        return -min(float(of_body[:, 2].min()) for bodies in openings for of_body in bodies)
 
     @cached_property
     def cd_a_m2(self) -> float:
         """Drag coefficient times the area that the closed grab shows to the wind, the mean over all directions, m²."""
         if self.drag_area_m2 is not None:
             return self.drag_area_m2
-        frames = self.frames(0.0)
-        points = np.concatenate([trimesh.transform_points(b.steel.vertices, frames[b.name]) for b in self.bodies])
+        points = np.concatenate(list(self.points(0.0).values()))
         # The mean outline of a convex body upright, over all horizontal directions, by eight of them.
         azimuths = np.arange(8) * np.pi / 8
         views = (points @ [[np.cos(a), 0.0], [np.sin(a), 0.0], [0.0, 1.0]] for a in azimuths)

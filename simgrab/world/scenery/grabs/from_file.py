@@ -22,8 +22,9 @@ from simgrab.io.models import MOST_FACES, ModelFile
 from simgrab.io.parse import shown
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Mesh
-from simgrab.world.scenery.grabs import formats, kit
+from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.design import Body, Design
+from simgrab.world.scenery.grabs.formats import gltf, obj, ply, stl
 from simgrab.world.scenery.grabs.formats.contents import Contents, Shape
 from simgrab.world.scenery.grabs.looks import ShapeMaterials
 from simgrab.world.scenery.grabs.loose import loose
@@ -40,6 +41,7 @@ _UP = {  # by the file's axis that points up: rows are our axes, z up, in those 
     "y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)), "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     "x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)), "-x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
 }  # fmt: skip
+_READERS = {"glb": gltf.read, "gltf": gltf.read, "obj": obj.read, "ply": ply.read, "stl": stl.read}
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,19 +122,20 @@ def design(keys: Mesh, reading: ImportedModel) -> Design:
     _check_points(keys, low + origin, high + origin)
     keys = _from(keys, origin)
     ends = _rope_ends(keys, low, high)
-    centre = np.array([*ends[:, :2].mean(axis=0), (low[2] + high[2]) / 2]) if keys.centre_m is None else keys.centre_m
-    apart = float(np.linalg.norm(ends[:, :2].mean(axis=0) - np.asarray(centre)[:2]))
+    axis = ends[:, :2].mean(axis=0)
+    centre = np.array([*axis, (low[2] + high[2]) / 2] if keys.centre_m is None else keys.centre_m)
+    apart = float(np.linalg.norm(axis - centre[:2]))
     if apart > _APART_M:
         raise ScenarioError(
             "grab.rope_ends_m", f"their middle lies {apart:.2f} m beside centre_m, seen from above; the ropes' axis "
             "runs through A",
         )  # fmt: skip
-    if ends[:, 2].min() <= np.asarray(centre)[2]:
+    if ends[:, 2].min() <= centre[2]:
         raise ScenarioError(
-            "grab.rope_ends_m", f"must lie above the grab's centre, whose z is {np.asarray(centre)[2] + origin[2]:.3f} "
-            "m; points are in metres from the file's origin, z up",
+            "grab.rope_ends_m", f"must lie above the grab's centre, whose z is {centre[2] + origin[2]:.3f} m; points "
+            "are in metres from the file's origin, z up",
         )  # fmt: skip
-    bodies = _bodies(keys, found, np.asarray(centre))
+    bodies = _bodies(keys, found, centre)
     most = max((abs(math.radians(jaw.open_deg)) for jaw in keys.jaws), default=0.0)
 
     def positions(opening: float) -> Mapping[str, float]:
@@ -299,7 +302,7 @@ def _contents(model: ModelFile) -> Contents:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy's, of what is refused later
-            return formats.read(model, lambda problem: _refuse(f"{model.name}: {problem}"))
+            return _READERS[model.format](model, lambda problem: _refuse(f"{model.name}: {problem}"))
     except SimgrabError:
         raise
     except MemoryError:

@@ -15,7 +15,7 @@ from trimesh.transformations import translation_matrix
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Shaped
 from simgrab.world.scenery import textures
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, NO_ROPES, Body, Design, Heaps
 from simgrab.world.scenery.grabs.slider_crank import Cylinder
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
@@ -50,6 +50,10 @@ class Scale:
             ratios[:2] = np.sqrt(keys.width * keys.length)
         ratios *= np.cbrt(keys.volume_m3 / unit_m3 / ratios.prod())
         return cls(*(float(r) for r in ratios))
+
+    def at(self, x: float, z: float) -> tuple[float, float]:
+        """Scale a point (x, z)."""
+        return x * self.x, z * self.z
 
     @property
     def mean(self) -> float:
@@ -113,10 +117,10 @@ def standing(
     *,
     volume_m3: float,
     closing: Sequence[int] = (),
-    falls: Array | None = None,
-    leads: Array | None = None,
+    falls: Array = NO_ROPES,
+    leads: Array = NO_ROPES,
     between: tuple[str, str] = ("head", "beam"),
-    lips: Mapping[str, Array] | None = None,
+    lips: Mapping[str, Array],
     heaps: Heaps,
 ) -> Design:
     """Make a design of bodies that stand on z = 0, the head first: A comes to half the height of the closed grab.
@@ -124,12 +128,9 @@ def standing(
     Heights of the head, its pins, terminations, ends of falls in the head and heaps are above z = 0.
     ``between`` names the bodies in whose frames falls end; ``leads`` go from the head to the first of them.
     """
-    falls = np.zeros((0, 2, 3)) if falls is None else falls
     rough = Design(bodies, positions, max_jaw, terminations)
-    frames = rough.frames(0.0)
-    bounds = [trimesh.transform_points(b.steel.vertices, frames[b.name])[:, 2] for b in bodies]
-    low, high = min(float(z.min()) for z in bounds), max(float(z.max()) for z in bounds)
-    down = np.array([0.0, 0.0, -(low + high) / 2])
+    heights = np.concatenate(list(rough.points(0.0).values()))[:, 2]
+    down = np.array([0.0, 0.0, -(float(heights.min()) + float(heights.max())) / 2])
     pose = translation_matrix(down)
     head, *others = bodies
     shifted = [replace(head, parts=[part.moved(pose) for part in head.parts])]
@@ -141,10 +142,9 @@ def standing(
         return [part.moved(pose) for part in heaps(cargo, rng)]
 
     return replace(
-        rough, bodies=shifted, terminations=terminations + down, closing=closing, lips=lips or {},
+        rough, bodies=shifted, terminations=terminations + down, closing=closing, lips=lips,
         falls=falls + [down if body == head.name else np.zeros(3) for body in between],
-        leads=np.zeros((0, 2, 3)) if leads is None else leads + [down, np.zeros(3)],
-        falls_from=between[0], falls_to=between[1],
+        leads=leads + [down, np.zeros(3)], falls_from=between[0], falls_to=between[1],
         heaps=lowered, cargo_kg=volume_m3 * CARGO_KG_M3,
     )  # fmt: skip
 
@@ -179,7 +179,7 @@ def socket(end: Array, height: float) -> trimesh.Trimesh:
     """Return a rope's socket below its end, on a pin between two cheeks that stand ``height`` below."""
     x, y, z = (float(v) for v in end)
     cone = [(0.004, -0.16), (0.058, -0.16), (0.062, -0.14), (0.040, -0.02), (0.030, 0.0), (0.004, 0.0)]
-    top = trimesh.creation.revolve(np.array([*cone, cone[0]]), sections=12)
+    top = shapes.turned(cone, 12)
     top.apply_translation((x, y, z))
     fork = prism(
         hull(circle(x, z - 0.26, 0.05), shapely.box(x - 0.045, z - 0.17, x + 0.045, z - 0.14)), y - 0.05, y + 0.05
@@ -200,8 +200,7 @@ def guide(end: Array, height: float) -> trimesh.Trimesh:
         shapes.block((x + o - 0.008, y - 0.1, low), (x + o + 0.008, y + 0.1, z - 0.04), 0.003) for o in (-0.112, 0.112)
     ]
     ring = [(0.045, -0.055), (0.115, -0.02), (0.125, 0.02), (0.118, 0.022), (0.108, -0.01), (0.035, -0.042)]
-    mouth = trimesh.creation.revolve(np.array([*ring, ring[0]]), sections=16)
-    shapes.outward(mouth)
+    mouth = shapes.turned(ring, 16)
     mouth.apply_translation((x, y, z - 0.03))
     return join([*plates, mouth])
 
@@ -406,13 +405,6 @@ def petal(
     return shapes.outward(heap(*grids))
 
 
-def cargo_material(cargo: str) -> Material:
-    """Return a cargo's material; raises `ValueError` for an unknown cargo."""
-    if cargo not in LUMPS_M:
-        raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(LUMPS_M))}")
-    return Material(f"grab_{cargo}", texture=textures.load(cargo), tile_m=1.4, specular=0.05, shininess=0.1)
-
-
 def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDArray[np.float64]:
     """Return the roughness of a heap's surface, m: lumps of two sizes."""
     fine, coarse = rng.standard_normal(shape), rng.standard_normal(shape)
@@ -438,7 +430,8 @@ def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float],
     reach, heights = np.maximum.accumulate(inside[:, 0]) - clearance, np.maximum.accumulate(inside[:, 1])
 
     def make(cargo: str, rng: np.random.Generator) -> list[Part]:
-        material, made = cargo_material(cargo), []
+        material = Material(f"grab_{cargo}", texture=textures.load(cargo), tile_m=1.4, specular=0.05, shininess=0.1)
+        made = []
         for level in CARGO_LEVELS:
             x, y, r, smooth, share = form(level)
             crest = smooth + lumps(rng, r.shape, LUMPS_M[cargo]) * share
@@ -452,15 +445,7 @@ def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float],
 
 def heap(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> trimesh.Trimesh:
     """Close the space between two grids of points, shapes (n, m, 3), the second below the first."""
-    n, m = top.shape[:2]
-    grid = np.arange(n * m).reshape(n, m)
-    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
-    upper = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    rim = np.concatenate([grid[:-1, 0], grid[-1, :-1], grid[:0:-1, -1], grid[0, :0:-1]])
-    after, below = np.roll(rim, -1), grid + grid.size
-    low, low_after = below.ravel()[rim], below.ravel()[after]
-    skirt = np.concatenate([np.stack([rim, low, low_after], -1), np.stack([rim, low_after, after], -1)])
-    return solid(
-        np.concatenate([top.reshape(-1, 3), bottom.reshape(-1, 3)]),
-        np.concatenate([upper, upper[:, ::-1] + grid.size, skirt]),
-    )
+    upper, rim = shapes.grid(*top.shape[:2])
+    after, down = np.roll(rim, -1), top.shape[0] * top.shape[1]
+    skirt = [np.stack(way, -1) for way in ((rim, rim + down, after + down), (rim, after + down, after))]
+    return solid(np.concatenate([top, bottom]).reshape(-1, 3), np.concatenate([upper, upper[:, ::-1] + down, *skirt]))

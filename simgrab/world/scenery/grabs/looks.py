@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import warnings
 from collections.abc import Callable, Iterator
@@ -61,7 +60,7 @@ class ShapeMaterials:
             yield index.ravel() == i, self._material((float(red), float(green), float(blue)), texture, surface), uv
 
     def _material(self, rgb: tuple[float, float, float], picture: bytes | None, surface: FileMaterial) -> Material:
-        key = (rgb, None if picture is None else hashlib.sha256(picture).digest(), surface.specular, surface.shininess)
+        key = rgb, picture, surface.specular, surface.shininess
         if key not in self._made:
             texture = None if picture is None else self._texture(picture)
             self._made[key] = Material(f"own_{len(self._made)}", (*rgb, 1.0), texture, specular=surface.specular,
@@ -70,9 +69,8 @@ class ShapeMaterials:
 
     def _texture(self, picture: bytes) -> Texture:
         """Decode a picture; one that is too large is refused by its header, before decoding."""
-        digest = hashlib.sha256(picture).digest()
-        if digest in self._textures:
-            return self._textures[digest]
+        if picture in self._textures:
+            return self._textures[picture]
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # Pillow warns of bombs
@@ -87,7 +85,7 @@ class ShapeMaterials:
             raise self._refuse(f"a texture cannot be read: it is none of {', '.join(TEXTURES)}") from None
         except Exception as problem:  # Pillow's decoders raise whatever they run into
             raise self._refuse(f"a texture cannot be read ({first_line(problem)})") from None
-        return self._textures.setdefault(digest, decoded)
+        return self._textures.setdefault(picture, decoded)
 
     def _check_size(self, width: int, height: int) -> None:
         if max(width, height) > MOST_TEXTURE_PX:

@@ -49,15 +49,15 @@ class _Peel:
         self.keys = keys
         line = kit.curve(_CURVE, 60)
         self.scale = s = Scale.of(keys, float(np.trapezoid(np.pi * line[:, 0] ** 2, line[:, 1])), round_=True)
-        self.curve = kit.curve([(r * s.x, z * s.z) for r, z in _CURVE])
+        self.curve = kit.curve([s.at(*point) for point in _CURVE])
         self.plate = 0.014 + 0.004 * s.mean
         self.azimuths = [(k + 0.5) * 2 * np.pi / keys.tines for k in range(keys.tines)]
-        self.hinge, self.head_pin = self._at(*_HINGE), self._at(*_HEAD_PIN)
-        self.jaw_pin = self._at(*_JAW_PIN)
+        self.hinge, self.head_pin = s.at(*_HINGE), s.at(*_HEAD_PIN)
+        self.jaw_pin = s.at(*_JAW_PIN)
         self.tine_pin = self.hinge[0] + self.jaw_pin[0], self.hinge[1] + self.jaw_pin[1]
-
-    def _at(self, r: float, z: float) -> tuple[float, float]:
-        return r * self.scale.x, z * self.scale.z
+        reach = 0.24 * s.x
+        self.sheave_y = (-reach, -reach + 0.08, reach - 0.08, reach)
+        self.sheave_r, self.sheave_z = _SHEAVE_R * min(s.x, s.z) * 0.9, _CROWN[0] * s.z + 0.02
 
     def design(self) -> Design:
         return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
@@ -81,8 +81,8 @@ class _Peel:
             return {"beam": state.beam_z - hz} | turns | {f"rod_{k}": state.arm_angle for k in range(count)}
 
         ropes = self._ends()
-        r, low = self._sheave_r, 0.11 * self.scale.z
-        falls = [((x, y, self._sheave_z), (x, y, low)) for x in (-r, r) for y in self._sheave_y]
+        r, low = self.sheave_r, 0.11 * self.scale.z
+        falls = [((x, y, self.sheave_z), (x, y, low)) for x in (-r, r) for y in self.sheave_y]
         return kit.standing(
             bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
             closing=kit.closing(len(ropes)), falls=np.array(falls),
@@ -90,11 +90,11 @@ class _Peel:
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
-        cylinder = Cylinder(self.hinge, self._at(*_CYLINDER_HEAD_PIN), self.jaw_pin)
+        cylinder = Cylinder(self.hinge, self.scale.at(*_CYLINDER_HEAD_PIN), self.jaw_pin)
         (hx, hz), (px, pz) = self.hinge, cylinder.head_pin
         end = np.subtract(self.tine_pin, cylinder.head_pin)
         along = end / np.linalg.norm(end)
-        bodies = [kit.body("head", [*self._head(), *self._column(), *self._beam()])]
+        bodies = [kit.body("head", [*self._head(), self._column(), *self._beam()])]
         tine = self._tine()
         for k, azimuth in enumerate(self.azimuths):
             bodies.append(kit.hinged(f"tine_{k}", tine, "head", azimuth, (hx, hz), (hx, hz)))
@@ -217,19 +217,6 @@ class _Peel:
 
     # Head and lower block, round the axis.
 
-    @property
-    def _sheave_r(self) -> float:
-        return _SHEAVE_R * min(self.scale.x, self.scale.z) * 0.9
-
-    @property
-    def _sheave_y(self) -> tuple[float, ...]:
-        reach = 0.24 * self.scale.x
-        return (-reach, -reach + 0.08, reach - 0.08, reach)
-
-    @property
-    def _sheave_z(self) -> float:
-        return _CROWN[0] * self.scale.z + 0.02
-
     def _ends(self) -> Array:
         top = _CROWN[1] * self.scale.z
         half = 0.17 * self.scale.x
@@ -241,9 +228,9 @@ class _Peel:
         low, high = (z * s.z for z in _CROWN)
         radius, thick = 0.40 * s.x, 0.03 + 0.008 * s.mean
         sides = 4 if keys.tines == 4 else 24
-        deck, reach = _ngon(radius, sides), 1.25 * self._sheave_r
+        deck, reach = _ngon(radius, sides), 1.25 * self.sheave_r
         if keys.drive == "ropes":
-            openings = [shapely.box(-reach, y - 0.035, reach, y + 0.035) for y in self._sheave_y]
+            openings = [shapely.box(-reach, y - 0.035, reach, y + 0.035) for y in self.sheave_y]
             deck = deck.difference(shapely.union_all(openings))
         floor = _ngon(radius, sides).difference(_ngon(0.62 * radius, sides))
         ring = _ngon(0.93 * radius, sides).difference(_ngon(0.93 * radius - thick, sides))
@@ -259,8 +246,8 @@ class _Peel:
         else:
             parts += kit.holders(self._ends(), roped, 0.40, 0.42)
         if roped:
-            sheaves = join(shapes.sheave((0.0, y, self._sheave_z), self._sheave_r, 0.016) for y in self._sheave_y)
-            shaft = pin(0.0, self._sheave_z, -0.30 * s.x, 0.30 * s.x, 0.04 + 0.01 * s.mean)
+            sheaves = join(shapes.sheave((0.0, y, self.sheave_z), self.sheave_r, 0.016) for y in self.sheave_y)
+            shaft = pin(0.0, self.sheave_z, -0.30 * s.x, 0.30 * s.x, 0.04 + 0.01 * s.mean)
             parts += [Part("sheaves", sheaves, BARE.dark), Part("shaft", shaft, BARE.dark)]
         else:
             tank = prism(_ngon(0.30 * s.x, 16), high - 0.01, high + 0.16 * s.z, "z")
@@ -279,7 +266,7 @@ class _Peel:
         return parts + kit.access(keys, corners, high, 0.5, (radius * 0.93 + 0.05, low - 0.05, high))
 
     def _lugs(self) -> trimesh.Trimesh:
-        (ax, az), s = (self.head_pin if self.keys.drive == "ropes" else self._at(*_CYLINDER_HEAD_PIN)), self.scale
+        (ax, az), s = (self.head_pin if self.keys.drive == "ropes" else self.scale.at(*_CYLINDER_HEAD_PIN)), self.scale
         eye, apart, thick = 0.06 * s.mean + 0.03, 0.03 * s.mean + 0.03, 0.018 + 0.006 * s.mean
         low, high = (z * s.z for z in _CROWN)
         foot = shapely.box(0.30 * s.x, low + 0.02, 0.38 * s.x, high - 0.03)
@@ -287,11 +274,11 @@ class _Peel:
         one = join([prism(lug, o - thick / 2, o + thick / 2) for o in (-apart, apart)])
         return join(part.mesh for a in self.azimuths for part in kit.turned([Part("lug", one, BARE.body)], a))
 
-    def _column(self) -> list[Part]:
+    def _column(self) -> Part:
         """Column of a hydraulic grab, from the head down to the tines' hinges."""
         s = self.scale
         tube = prism(_ngon(0.17 * s.x, 20), _HINGE[1] * s.z, _CROWN[0] * s.z + 0.02, "z")
-        return [Part("column", tube, BARE.body)]
+        return Part("column", tube, BARE.body)
 
     def _beam(self) -> list[Part]:
         """Lower block with the tines' hinges, where it is in the closed grab."""
@@ -305,11 +292,11 @@ class _Peel:
         parts = [Part("hub", hub, BARE.body), Part("lugs", lugs, BARE.body)]
         if self.keys.drive == "ropes":
             z = hz + 0.11 * s.z
-            sheaves = join(shapes.sheave((0.0, y, z), self._sheave_r, 0.016) for y in self._sheave_y)
+            sheaves = join(shapes.sheave((0.0, y, z), self.sheave_r, 0.016) for y in self.sheave_y)
             shaft = pin(0.0, z, -0.29 * s.x, 0.29 * s.x, 0.04 + 0.01 * s.mean)
             foot = shapely.box(-0.5 * radius, hz, 0.5 * radius, hz + 0.05 * s.z)
-            cheek = hull(circle(0.0, z, 0.6 * self._sheave_r), foot)
-            places = (-0.29 * s.x, 0.29 * s.x, self._sheave_y[1] + 0.06, self._sheave_y[2] - 0.06)
+            cheek = hull(circle(0.0, z, 0.6 * self.sheave_r), foot)
+            places = (-0.29 * s.x, 0.29 * s.x, self.sheave_y[1] + 0.06, self.sheave_y[2] - 0.06)
             parts += [
                 Part("sheaves", sheaves, BARE.dark),
                 Part("shaft", shaft, BARE.dark),

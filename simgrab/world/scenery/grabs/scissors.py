@@ -45,12 +45,14 @@ class _Scissors(Shells):
         # The wider the shells for their height, the higher do they swing: longer links keep them below the yoke.
         raised = 0.3 * max(0.0, self.scale.x - self.scale.z)
         self.yoke = tuple(z * self.scale.z + raised for z in _YOKE)
-        self.handle_pin = self.at(*_HANDLE)
+        self.handle_pin = self.scale.at(*_HANDLE)
         self.head_pin = _HEAD_PIN[0] * self.scale.x, _HEAD_PIN[1] * self.scale.z + raised
         self.handle = self.handle_pin[0], self.hinge[1] + self.handle_pin[1]
         self.crank = SliderCrank(self.hinge, self.head_pin, self.handle_pin)
         self.max_jaw = kit.widest(self._clear, MAX_JAW)
         self.lever_y = tuple(y * self.scale.y for y in _LEVER_Y)
+        beside = 0.05 + 0.03 * self.scale.mean
+        self.link_y = max(self.lever_y) + beside, min(self.lever_y) - beside
         self.rope_y = tuple(y * self.scale.y for y in _ROPE_Y)
         self.block_r = 0.09 * self.scale.mean
 
@@ -131,12 +133,7 @@ class _Scissors(Shells):
         m = self.scale.mean
         eye, thick = 0.05 * m + 0.01, 0.010 + 0.006 * m
         bar = prism(kit.link(self.handle, self.head_pin, eye, 0.6), -thick, thick)
-        return [Part("links", shapes.at_y(bar, *self._link_y), BARE.body)]
-
-    @property
-    def _link_y(self) -> tuple[float, float]:
-        beside = 0.05 + 0.03 * self.scale.mean
-        return max(self.lever_y) + beside, min(self.lever_y) - beside
+        return [Part("links", shapes.at_y(bar, *self.link_y), BARE.body)]
 
     def _reeving(self) -> list[Part]:
         """Return the ropes between the blocks, from the outer lever's to half-way in the open grab."""
@@ -164,7 +161,7 @@ class _Scissors(Shells):
     def _yoke(self) -> list[Part]:
         keys, s, m = self.keys, self.scale, self.scale.mean
         low, high = self.yoke
-        x, reach = abs(self.head_pin[0]), max(self._link_y[0], -self._link_y[1]) + 0.08
+        x, reach = abs(self.head_pin[0]), max(self.link_y[0], -self.link_y[1]) + 0.08
         across = [block((side * x - 0.07 * s.x, -reach, low), (side * x + 0.07 * s.x, reach, high), 0.01)
                   for side in (-1, 1)]  # fmt: skip
         wide, places = 0.08 * s.y, (-0.38 * s.y, 0.38 * s.y)
@@ -172,8 +169,8 @@ class _Scissors(Shells):
         eye, apart = 0.05 * m + 0.03, 0.014 + 0.008 * m
         foot = shapely.box(-x - 0.06 * s.x, low, -x + 0.06 * s.x, low + 0.03)
         lug = prism(hull(circle(-x, self.head_pin[1], eye), foot), -0.010, 0.010)
-        one = shapes.at_y(lug, *(y + side * 2.2 * apart for y in self._link_y for side in (-1, 1)))
-        pins = shapes.at_y(pin(*self.head_pin, -3.2 * apart, 3.2 * apart, 0.6 * eye), *self._link_y)
+        one = shapes.at_y(lug, *(y + side * 2.2 * apart for y in self.link_y for side in (-1, 1)))
+        pins = shapes.at_y(pin(*self.head_pin, -3.2 * apart, 3.2 * apart, 0.6 * eye), *self.link_y)
         parts = [
             Part("head_body", join([*across, *along]), BARE.body),
             Part("head_lugs", join([one, shapes.half_turn(one)]), BARE.body),

@@ -57,14 +57,10 @@ class Shells:
         line = kit.curve(_CURVES[keys.profile], 60)
         area = 2 * float(np.trapezoid(line[:, 0], line[:, 1]))
         self.scale = s = Scale.of(keys, area * 2 * _HALF_Y)
-        self.curve = kit.curve([(x * s.x, z * s.z) for x, z in _CURVES[keys.profile]], 21)
+        self.curve = kit.curve([s.at(*point) for point in _CURVES[keys.profile]], 21)
         self.plate = 0.012 + 0.008 * s.mean
         self.half_y = _HALF_Y * s.y + self.plate
-        self.hinge = self.at(*hinge)
-
-    def at(self, x: float, z: float) -> tuple[float, float]:
-        """Scale a point (x, z)."""
-        return x * self.scale.x, z * self.scale.z
+        self.hinge = s.at(*hinge)
 
     def pair(
         self, name: str, parts: list[Part], parent: str, pin: tuple[float, float], origin: tuple[float, float]

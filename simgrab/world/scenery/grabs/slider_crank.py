@@ -11,21 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 
-@dataclass(frozen=True)
-class LinkageState:
-    """Positions of the moving bodies.
-
-    Attributes
-    ----------
-    beam_z : float
-        Height of the jaws' pins in the grab frame, m.
-    jaw_angle, arm_angle : float
-        Rotation about +y from closed, rad.
-    """
+class LinkageState(NamedTuple):
+    """Height of the jaws' pins in the grab frame, m; rotations of jaw and arm about +y from closed, rad."""
 
     beam_z: float
     jaw_angle: float
@@ -34,21 +26,11 @@ class LinkageState:
 
 @dataclass(frozen=True)
 class _Pins:
-    """Pins of a closed grab, m, in the plane of one jaw.
+    """Pins of a closed grab, (x, z), m, in the plane of one jaw."""
 
-    Attributes
-    ----------
-    hinge : tuple of 2 floats
-        The jaw's pin, (x, z), grab frame.
-    head_pin : tuple of 2 floats
-        The pin in the head of the arm or cylinder, (x, z), grab frame.
-    jaw_pin : tuple of 2 floats
-        Its pin in the jaw, (x, z), from the hinge.
-    """
-
-    hinge: tuple[float, float]
-    head_pin: tuple[float, float]
-    jaw_pin: tuple[float, float]
+    hinge: tuple[float, float]  # the jaw's pin, grab frame
+    head_pin: tuple[float, float]  # of the arm or cylinder, grab frame
+    jaw_pin: tuple[float, float]  # its other pin, from the hinge
 
     def _span(self, jaw: float) -> tuple[float, float]:
         """Vector from the head's pin to the jaw's, if the jaw turns about a fixed hinge."""

@@ -7,15 +7,16 @@ Jib frame: origin O, the centroid of the rope exits; x outboard, z up. All steel
 from __future__ import annotations
 
 from functools import cache, lru_cache
+from itertools import pairwise
 
 import numpy as np
 import shapely
 import trimesh
+from numpy.typing import NDArray
 
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.jib_access import bracket, floodlights, lenses, platform_frame, platform_grating
-from simgrab.world.scenery.meshes.jib_trunk import TAIL_X, trunk
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.meshes.ropes import STAGGER_M, Ropes, rope_part
 from simgrab.world.scenery.meshes.shapes import circle, hull, join, pin, prism, rod, rounded
@@ -23,6 +24,7 @@ from simgrab.world.scenery.meshes.shapes import circle, hull, join, pin, prism, 
 SHEAVE_RADIUS = 0.40  # pitch radius: 25 rope radii
 SHEAVE_Z = 0.52
 CLEAR_Z = 0.05
+_NOSE_X, _TAIL_X, _PANELS = -1.30, -10.2, 8  # of the trunk
 
 _PAINT = Material("jib_paint", rgba=(0.66, 0.67, 0.66, 1.0), specular=0.2)
 _YELLOW = Material("jib_yellow", rgba=(0.80, 0.62, 0.10, 1.0), specular=0.2)
@@ -51,7 +53,7 @@ def jib_parts(ropes: Ropes) -> tuple[Part, ...]:
 def _fixed_parts() -> tuple[Part, ...]:
     """Return the parts that no rope changes, the trunk first."""
     return (
-        Part("trunk", trunk(), _PAINT),
+        Part("trunk", _trunk(), _PAINT),
         Part("platform", platform_frame(), _PAINT),
         Part("grating", platform_grating(), _ZINC),
         Part("bracket", bracket(), _ZINC),
@@ -66,6 +68,38 @@ def jib_steel(ropes: Ropes) -> trimesh.Trimesh:
     return trimesh.util.concatenate([part.mesh for part in jib_parts(ropes)])
 
 
+def _trunk() -> trimesh.Trimesh:
+    """Lattice behind the head sheaves: four chords, posts, diagonals, and the box that carries the cheek plates."""
+    x = np.linspace(_NOSE_X, _TAIL_X, _PANELS + 1)
+    share = (x - _NOSE_X) / (_TAIL_X - _NOSE_X)
+    half = 0.72 + 0.16 * share
+    top = np.full_like(x, 0.78)
+    low = 0.24 - 1.0 * np.sin(np.pi * np.clip(share * 0.62, 0, 1))
+    pieces = [shapes.block((_NOSE_X - 0.12, -0.76, 0.16), (_NOSE_X + 0.10, 0.76, 0.86), 0.015)]
+    for side in (-1.0, 1.0):
+        upper, lower = (np.stack([x, side * half, z], axis=1) for z in (top, low))
+        pieces += _chain(upper, 0.075) + _chain(lower, 0.085)
+        pieces += [rod(upper[i], lower[i], 0.04, 8) for i in range(1, _PANELS + 1)]
+        pieces += [rod((upper, lower)[i % 2][i], (lower, upper)[i % 2][i + 1], 0.045, 8) for i in range(_PANELS)]
+    left, right = -half, half
+    for z, radius in ((top, 0.04), (low, 0.045)):
+        pieces += [rod((x[i], left[i], z[i]), (x[i], right[i], z[i]), radius, 8) for i in range(1, _PANELS + 1)]
+        pieces += [
+            rod((x[i], (left, right)[i % 2][i], z[i]), (x[i + 1], (right, left)[i % 2][i + 1], z[i + 1]), 0.035, 8)
+            for i in range(_PANELS)
+        ]
+    return join(pieces)
+
+
+def _chain(points: NDArray[np.float64], radius: float) -> list[trimesh.Trimesh]:
+    """Make a chord through points, each piece a little longer than its panel so that the joints close."""
+    pieces = []
+    for a, b in pairwise(points):
+        reach = (b - a) / np.linalg.norm(b - a) * 0.02
+        pieces.append(rod(a - reach, b + reach, radius, 10))
+    return pieces
+
+
 def _axes(ropes: Ropes) -> list[tuple[float, float]]:
     """Return the head sheaves' (x, y): each rope drops on its sheave's outboard side."""
     return [(x - SHEAVE_RADIUS, y) for x, y, _ in ropes.exits]
@@ -74,13 +108,13 @@ def _axes(ropes: Ropes) -> list[tuple[float, float]]:
 def _sheaves(ropes: Ropes) -> trimesh.Trimesh:
     groove, axes = ropes.radius_m * 1.1, _axes(ropes)
     head = [shapes.sheave((x, y, SHEAVE_Z), SHEAVE_RADIUS, groove, 40) for x, y in axes]
-    tail = [shapes.sheave((TAIL_X, y, SHEAVE_Z), SHEAVE_RADIUS, groove, 40) for _, y in axes]
+    tail = [shapes.sheave((_TAIL_X, y, SHEAVE_Z), SHEAVE_RADIUS, groove, 40) for _, y in axes]
     return join([*head, *tail])
 
 
 def _shafts(ropes: Ropes) -> trimesh.Trimesh:
     head = [pin(x, SHEAVE_Z, y - 0.075, y + 0.075, 0.055, 0.03) for x, y in _axes(ropes)]
-    return join([*head, pin(TAIL_X, SHEAVE_Z, -0.95, 0.95, 0.06, 0.03)])
+    return join([*head, pin(_TAIL_X, SHEAVE_Z, -0.95, 0.95, 0.06, 0.03)])
 
 
 def _cheeks(ropes: Ropes) -> trimesh.Trimesh:
@@ -121,7 +155,7 @@ def _rope_runs(ropes: Ropes) -> list[Part]:
     parts = []
     for i, (x, y) in enumerate(_axes(ropes)):
         along = np.array([[0, 0, -1, x], [0, 1, 0, y], [1, 0, 0, SHEAVE_Z + SHEAVE_RADIUS], [0, 0, 0, 1]], float)
-        parts.append(rope_part(x - TAIL_X, f"run_{i}", ropes.radius_m).moved(along))
+        parts.append(rope_part(x - _TAIL_X, f"run_{i}", ropes.radius_m).moved(along))
         bend = shapes.bent_rod(SHEAVE_RADIUS, ropes.radius_m, 10)  # from the sheave's top to its outboard side
         bend.apply_translation((x, y, SHEAVE_Z))
         parts.append(Part(f"bend_{i}", bend, parts[0].material))

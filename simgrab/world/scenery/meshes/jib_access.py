@@ -7,7 +7,7 @@ import shapely
 import trimesh
 
 from simgrab.world.scenery.meshes import shapes
-from simgrab.world.scenery.meshes.shapes import block, circle, hull, join, prism, rod, solid
+from simgrab.world.scenery.meshes.shapes import block, circle, hull, join, prism, rod
 
 _X = (-1.75, 0.30)
 _Y = (0.74, 1.44)
@@ -83,6 +83,4 @@ def _housing() -> trimesh.Trimesh:
     """Return a housing that widens downwards."""
     x, y, z = _LAMP
     rings = [(0.07, 0.10, 0.04), (0.10, 0.135, -0.02), (0.10, 0.135, -0.06)]
-    points = [(x + sx * a, y + sy * b, z + c) for a, b, c in rings for sx in (-1, 1) for sy in (-1, 1)]
-    shell = shapes.convex(points)
-    return solid(shell.vertices, shell.faces)
+    return shapes.convex([(x + sx * a, y + sy * b, z + c) for a, b, c in rings for sx in (-1, 1) for sy in (-1, 1)])

@@ -85,8 +85,6 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
     rng : numpy.random.Generator
         Generator that shifts the masks, so that wear differs between grabs.
     """
-    if cargo not in _DUST:
-        raise ValueError(f"cargo is {cargo!r}; it must be one of {', '.join(sorted(_DUST))}")
     shift = rng.integers(_SIZE, size=2)
     mixed = partial(_mixed, paint, wear, residue, cargo, (int(shift[0]), int(shift[1])))
     return Finish(**{
@@ -172,10 +170,7 @@ def _plate() -> Picture:
 @cache
 def _picture(name: str) -> Picture:
     """Return a bundled texture, in [0, 1]; do not write to it."""
-    image = textures.load(name)
-    if image.shape[:2] != (_SIZE, _SIZE):
-        image = np.asarray(cv2.resize(image, (_SIZE, _SIZE), interpolation=cv2.INTER_AREA), np.uint8)
-    picture = np.asarray(image, float) / 255.0
+    picture = np.asarray(textures.load(name, _SIZE), float) / 255.0
     picture.setflags(write=False)
     return picture
 

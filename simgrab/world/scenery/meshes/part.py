@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -94,7 +94,7 @@ class Part:
 
 
 def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str) -> None:
-    """Add parts to a body as visual geoms, one per material: no collision, no mass, no textures (see `add_textures`).
+    """Add parts to a body as visual geoms, one per material of `add_materials`: no collision, no mass.
 
     Parameters
     ----------
@@ -110,7 +110,6 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
     for part in parts:
         by_material.setdefault(part.material.name, []).append(part)
     for name, same in by_material.items():
-        _add_material(spec, same[0].material)
         mesh = spec.add_mesh(name=f"{prefix}/{name}", file=f"{prefix}/{name}.msh")
         spec.assets[mesh.file] = _msh([part.corners for part in same])
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # for rendering only: sheets are allowed
@@ -135,32 +134,21 @@ def _msh(corners: Sequence[Corners]) -> bytes:
     return b"".join([header.tobytes(), *(a.astype("<f4").tobytes() for a in arrays), faces.tobytes()])
 
 
-def _add_material(spec: mujoco.MjSpec, material: Material) -> None:
-    known = spec.material(material.name)
-    if known is not None:
-        if not np.allclose(known.rgba, material.rgba) or (known.specular, known.shininess) != (
-            np.float32(material.specular), np.float32(material.shininess),
-        ):  # fmt: skip
-            raise ValueError(f"two materials are called {material.name!r}")
-        return
-    spec.add_material(
-        name=material.name,
-        rgba=material.rgba,
-        specular=material.specular,
-        shininess=material.shininess,
-        emission=material.emission,
-    )
-
-
-def add_textures(spec: mujoco.MjSpec, textures: Mapping[str, Texture]) -> None:
-    """Give materials their textures, for MuJoCo's own renderer."""
-    for name, picture in textures.items():
-        height, width, channels = picture.shape
-        texture = spec.add_texture(
-            name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=channels
-        )
-        texture.data = picture[::-1].tobytes()
-        spec.material(name).textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+def add_materials(spec: mujoco.MjSpec, materials: Iterable[Material], *, textured: bool) -> None:
+    """Add materials, and with ``textured`` their textures, for MuJoCo's own renderer."""
+    for material in materials:
+        own = spec.add_material(
+            name=material.name, rgba=material.rgba, specular=material.specular, shininess=material.shininess,
+            emission=material.emission,
+        )  # fmt: skip
+        picture = material.picture if textured else None
+        if picture is not None:
+            height, width, channels = picture.shape
+            texture = spec.add_texture(
+                name=material.name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=channels
+            )
+            texture.data = picture[::-1].tobytes()
+            own.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material.name
 
 
 @lru_cache(maxsize=512)  # many shapes, such as the grab's and the jib's, are the same in every world

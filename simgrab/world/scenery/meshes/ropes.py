@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
-from numpy.typing import NDArray
 
 from simgrab.model.scenario import Jib
 from simgrab.world.scenery import textures
@@ -49,29 +47,7 @@ class Ropes:
 
 
 def rope_part(length: float, name: str, radius: float) -> Part:
-    """Return a straight rope from the origin up +z.
-
-    Parameters
-    ----------
-    length : float
-        Metres.
-    name : str
-        Name of the part.
-    radius : float
-        Metres.
-
-    Returns
-    -------
-    Part
-        Its texture's strands make one turn in `LAY_M`.
-    """
-    material = Material("rope", texture=textures.load("rope"), specular=0.25, shininess=0.2)
-    mesh, uv = _tube(length, radius)
-    return Part(name, mesh, material, uv)
-
-
-def _tube(length: float, radius: float) -> tuple[trimesh.Trimesh, NDArray[np.float64]]:
-    """Return a closed tube and its UVs.
+    """Return a straight rope from the origin up +z; lengths are in metres.
 
     The surface is slit along one side and folded in to the axis there, so that the texture can begin and end at the
     slit while every edge still joins two faces.
@@ -88,10 +64,7 @@ def _tube(length: float, radius: float) -> tuple[trimesh.Trimesh, NDArray[np.flo
     j = np.roll(i, -1)
     walls = np.concatenate([np.stack([i, j, j + n], 1), np.stack([i, j + n, i + n], 1)])
     i = np.arange(_SIDES)
-    ends = np.concatenate(
-        [
-            np.stack([i + 1, i, np.full(_SIDES, n - 1)], 1),
-            np.stack([i + n, i + 1 + n, np.full(_SIDES, 2 * n - 1)], 1),
-        ]
-    )
-    return solid(vertices, np.concatenate([walls, ends])), uv
+    axis = np.full(_SIDES, n - 1)
+    ends = np.concatenate([np.stack([i + 1, i, axis], 1), np.stack([i + n, i + 1 + n, axis + n], 1)])
+    material = Material("rope", texture=textures.load("rope"), specular=0.25, shininess=0.2)
+    return Part(name, solid(vertices, np.concatenate([walls, ends])), material, uv)

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 Axis = Literal["x", "y", "z"]
 
@@ -94,13 +94,9 @@ def i_section(height: float, width: float, web: float, flange: float) -> shapely
     return shapely.Polygon(right + [(-x, z) for x, z in reversed(right)])
 
 
-def disc(outline: Sequence[tuple[float, float]], centre: ArrayLike, sections: int = 24) -> trimesh.Trimesh:
-    """Turn a closed (radius, offset) outline about the y axis through ``centre``."""
-    ring = np.array([*outline, outline[0]], float)
-    mesh = trimesh.creation.revolve(ring, sections=sections)
-    outward(mesh)
-    p = np.asarray(mesh.vertices)
-    return solid(np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) + np.asarray(centre, float), mesh.faces)
+def turned(outline: Sequence[tuple[float, float]], sections: int) -> trimesh.Trimesh:
+    """Turn a closed (radius, z) outline about the z axis."""
+    return outward(trimesh.creation.revolve(np.array([*outline, outline[0]], float), sections=sections))
 
 
 def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections: int = 16) -> trimesh.Trimesh:
@@ -117,12 +113,22 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
     ]
     groove = (bottom, 0.3 * half)
     outline = [*side, groove, *[(r, -o) for r, o in reversed([*side, groove])]]
-    return disc(outline, centre, sections)
+    mesh = turned(outline, sections)
+    p = np.asarray(mesh.vertices)
+    return solid(np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) + np.asarray(centre, float), mesh.faces)
 
 
 def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
     """Put closed meshes into one, vertices unmerged, so that it stays watertight."""
     return trimesh.util.concatenate(list(meshes))
+
+
+def grid(n: int, m: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the triangles of a grid of n × m points, row by row, and the points of its rim, counter-clockwise."""
+    i = np.arange(n * m).reshape(n, m)
+    a, b, c, d = (quarter.ravel() for quarter in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
+    rim = np.concatenate([i[:-1, 0], i[-1, :-1], i[:0:-1, -1], i[0, :0:-1]])
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), rim
 
 
 def at_y(mesh: trimesh.Trimesh, *places: float) -> trimesh.Trimesh:

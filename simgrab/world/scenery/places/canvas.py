@@ -42,10 +42,10 @@ def cloud(shape: tuple[int, int], drawn: Sequence[Plane]) -> Plane:
     return np.clip(0.5 + (total / norm - 0.5) * 1.4, 0, 1).astype(np.float32)
 
 
-def tiled(tile: NDArray[Any], pixels: int) -> NDArray[Any]:
-    """Repeat a tile over a square of ``pixels`` a side."""
-    repeat = -(-pixels // len(tile))
-    return np.ascontiguousarray(np.tile(tile, (repeat, repeat, 1))[:pixels, :pixels])
+def tiled(tile: Picture, rows: int, columns: int) -> Picture:
+    """Repeat a tile over so many pixels."""
+    repeat = -(-rows // tile.shape[0]), -(-columns // tile.shape[1]), 1
+    return np.ascontiguousarray(np.tile(tile, repeat)[:rows, :columns])
 
 
 def shrunk(tile: Picture, scale: float) -> Picture:
@@ -281,8 +281,7 @@ class Canvas:
         tile = shrunk(load(cargo.texture), self.per_m / (1024 / cargo.tile_m))
         (y0, y1, x0, x1), drawn, grit = scattered
         shape = (y1 - y0, x1 - x0)
-        repeat = [-(-s // t) for s, t in zip(shape, tile.shape[:2], strict=True)]
-        laid = np.tile(tile, (*repeat, 1))[: shape[0], : shape[1]]
+        laid = tiled(tile, *shape)
         uneven = cloud((shape[0] // 8, shape[1] // 8), drawn)
         uneven = cv2.resize((205 + 85 * (uneven - 0.5)).astype(np.uint8), shape[::-1])
         laid = cv2.multiply(laid, cv2.merge([uneven] * 3), scale=1 / 205)

@@ -78,23 +78,9 @@ def roughened(field: Field, step: float, rough: float, rng: np.random.Generator)
 
 
 def pile(x: Field, y: Field, height: float, cargo: Cargo, *, spread: float, rng: np.random.Generator) -> Field:
-    """Pour a heap as grabs leave it: a ridge of some drops, a bite or two taken out, centred on the grid.
+    """Pour a heap as grabs leave it, centred on the grid: a ridge along x, ``spread`` long, with a bite taken out.
 
-    Parameters
-    ----------
-    x, y : ndarray
-        Grid lines, metres.
-    height : float
-        Height of the highest top, metres.
-    cargo : Cargo
-    spread : float
-        Length of the ridge along x, metres.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray, shape (len(x), len(y))
-        Height above the ground, negative outside the heap.
+    ``height`` is that of the highest top. The field is negative outside the heap. All is in metres.
     """
     slope = float(np.tan(cargo.repose))
     count = 6

@@ -131,24 +131,8 @@ def _hung(name: str, mesh: trimesh.Trimesh, material: Material, floor: float, al
     return Part(name, mesh, material, uv)
 
 
-def heap(place: Hold, cargo: Cargo, depth: float, x: Field, y: Field, rng: np.random.Generator) -> Field:
-    """Cargo in the hold: a floor of remnants, slopes against the walls and the pits that grabs have dug.
-
-    Parameters
-    ----------
-    place : Hold
-    cargo : Cargo
-    depth : float
-        Deck above tank top, metres.
-    x, y : ndarray
-        Grid lines, metres.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray, shape (len(x), len(y))
-        Height above the tank top, metres; negative where the plates are bare.
-    """
+def _heap(place: Hold, cargo: Cargo, depth: float, x: Field, y: Field, rng: np.random.Generator) -> Field:
+    """Height of the cargo above the tank top: remnants, slopes against the walls, pits; below 0 on bare plates."""
     slope = float(np.tan(cargo.repose))
     level = place.fill * (depth - 2.2)
     gx, gy = warped(x, y, rng)
@@ -172,11 +156,11 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
     """Tank top and heap, both under one picture."""
     half_l, half_b = LENGTH / 2 + 0.2, BREADTH / 2 - 0.02
     x, y = np.linspace(-half_l, half_l, 132), np.linspace(-half_b, half_b, 158)
-    field = heap(place, cargo, depth, x, y, rng)
+    field = _heap(place, cargo, depth, x, y, rng)
     tile = load("tanktop")
     scale = PIXELS / SIZE * 10.0 / tile.shape[0]
 
-    canvas = Canvas(lambda: tiled(shrunk(tile, scale), PIXELS), SIZE, PIXELS, rng=rng)
+    canvas = Canvas(lambda: tiled(shrunk(tile, scale), PIXELS, PIXELS), SIZE, PIXELS, rng=rng)
     cover = np.clip((field + 0.30) / 0.32, 0, 1.3)[:, ::-1].T
     canvas.spill(cover, (-half_l, -half_b), (half_l, half_b))
     for s in (-1, 1):

@@ -127,13 +127,11 @@ def _grid(rng: np.random.Generator) -> list[trimesh.Trimesh]:
 
 def _residue(rng: np.random.Generator) -> trimesh.Trimesh:
     """Fill in what is left in the funnel, drawn down in the middle."""
-    rings: list[Vector] = []
-    level = float(rng.uniform(4.7, 5.5))
-    for z, share in ((NECK + 0.05, 0.96), (level, 1.0), (level - 0.15, 0.8), (level - 0.5, 0.5), (level - 0.85, 0.2)):
-        wall = 0.60 + (min(z, level) - NECK) / (7.0 - NECK) * (HALF - 0.67) if share < 0.99 else 0.0
-        if z >= level - 1.0 and z != NECK + 0.05:
-            wall = 0.60 + (level - NECK) / (7.0 - NECK) * (HALF - 0.67)
-        rings.append(_square(wall * share * 0.99, z, rng, jitter=0.0 if len(rings) < 2 else 0.06))
+    low, level = NECK + 0.05, float(rng.uniform(4.7, 5.5))
+    foot, wall = (0.60 + (z - NECK) / (7.0 - NECK) * (HALF - 0.67) for z in (low, level))
+    rings = [_square(foot * 0.96 * 0.99, low, rng, jitter=0.0)]
+    for down, share in ((0.0, 1.0), (0.15, 0.8), (0.5, 0.5), (0.85, 0.2)):
+        rings.append(_square(wall * share * 0.99, level - down, rng, jitter=0.06 if down else 0.0))
     return loft(rings)
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
-import numpy as np
-
 from simgrab.world.scenery.meshes.part import Material
 from simgrab.world.scenery.textures import load
 
@@ -24,17 +21,14 @@ def plain(name: str, rgb: Rgb, *, specular: float = 0.1) -> Material:
 
 def painted(name: str, rgb: Rgb, *, tile_m: float = 6.0, texture: str = "deck", fine: bool = False) -> Material:
     """Return painted, weathered steel: the pale texture takes the colour. ``fine`` keeps its full resolution."""
-    picture = load(texture)
-    if not fine:
-        picture = np.asarray(cv2.resize(picture, (512, 512), interpolation=cv2.INTER_AREA), np.uint8)
+    picture = load(texture, None if fine else 512)
     r, g, b = (min(1.0, c / 0.68) for c in rgb)  # 0.68 is the texture's own mean brightness
     return Material(name, rgba=(r, g, b, 1.0), texture=picture, tile_m=tile_m, specular=0.08, shininess=0.2)
 
 
-def rusty(name: str = "rusty") -> Material:
+def rusty(name: str) -> Material:
     """Bare rusty plate."""
-    picture = np.asarray(cv2.resize(load("tanktop"), (512, 512), interpolation=cv2.INTER_AREA), np.uint8)
-    return Material(name, texture=picture, tile_m=5.0, specular=0.05)
+    return Material(name, texture=load("tanktop", 512), tile_m=5.0, specular=0.05)
 
 
 RUBBER = plain("rubber", (0.085, 0.085, 0.09), specular=0.05)  # tyres and fenders

@@ -68,7 +68,7 @@ def _tiled(rng: np.random.Generator) -> Texture:
         tile = cv2.resize(textures.load(str(name)), (side, side), interpolation=cv2.INTER_AREA)
         tint = rng.uniform(0.5, 1.3, 3) * rng.uniform(0.6, 1.3)
         tile = np.clip(tile * tint, 0, 255).astype(np.uint8)
-        layers.append(tiled(tile, _PIXELS))
+        layers.append(tiled(tile, _PIXELS, _PIXELS))
     first, second = layers
     if rng.random() < 0.5:
         return first
@@ -132,9 +132,8 @@ def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trime
         case 0 | 1:
             return steel.block((-x / 2, -y / 2, 0), (x / 2, y / 2, z), 0.02)
         case 2:
-            ring = np.array([(0.01, 0), (x / 2, 0), (x / 2 * rng.uniform(0.3, 1.0), z), (0.01, z), (0.01, 0)])
-            mesh = steel.outward(trimesh.creation.revolve(ring, sections=int(rng.choice([5, 6, 8, 20]))))
-            return steel.solid(mesh.vertices, mesh.faces)
+            ring = [(0.01, 0), (x / 2, 0), (x / 2 * rng.uniform(0.3, 1.0), z), (0.01, z)]
+            return steel.turned(ring, int(rng.choice([5, 6, 8, 20])))
         case 3:
             lies = min(x, z) / 2
             return shapes.bar((0, -y / 2, lies), (0, y / 2, lies), lies, sides=16)
@@ -160,7 +159,7 @@ def _coat(number: int, rng: np.random.Generator) -> Material:
     specular = float(rng.uniform(0, 0.5))
     if rng.random() < 0.5:
         return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), specular=specular)
-    picture = cv2.resize(textures.load(str(rng.choice(_TEXTURES))), (256, 256), interpolation=cv2.INTER_AREA)
+    picture = textures.load(str(rng.choice(_TEXTURES)), 256)
     red, green, blue = (0.4 + 0.6 * v for v in (red, green, blue))
-    return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), texture=np.asarray(picture, np.uint8),
+    return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), texture=picture,
                     tile_m=float(rng.uniform(1, 8)), specular=specular)  # fmt: skip

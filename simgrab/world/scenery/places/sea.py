@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from simgrab.world.scenery.meshes.part import Material, Part
-from simgrab.world.scenery.places.canvas import Picture, Plane, cloud, noise, tiled, toned
+from simgrab.world.scenery.places.canvas import Picture, Plane, cloud, noise, shrunk, tiled, toned
 from simgrab.world.scenery.places.shapes import sheet
 from simgrab.world.scenery.textures import load
 
@@ -43,8 +43,7 @@ def sea(
     @cache
     def pictures() -> tuple[Picture, Picture]:
         plain = _ripples(chop, shifts, *ripples)
-        small = cv2.resize(plain, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        return _foamed(plain, chop, foam_y, *foam), np.asarray(small, np.uint8)
+        return _foamed(plain, chop, foam_y, *foam), shrunk(plain, 0.5)
 
     near = Material("water", texture=lambda: pictures()[0], specular=0.12, shininess=0.55)
     far = Material("water far", texture=lambda: pictures()[1], specular=0.0)
@@ -76,11 +75,11 @@ def sea(
 def _ripples(chop: float, shifts: NDArray[np.int64], windy: list[Plane], tone: list[Plane]) -> Picture:
     """Two ripple tiles crossed, with patches of wind and calm; seamless."""
     side = round(PIXELS * TILE / SIZE)
-    tile = cv2.resize(load("water"), (side, side), interpolation=cv2.INTER_AREA)
+    tile = load("water", side)
     sheets = []
     for turn, (row, column) in enumerate(shifts):
         one = np.roll(np.rot90(tile, turn), (int(row), int(column)), (0, 1))
-        sheets.append(tiled(one, PIXELS))
+        sheets.append(tiled(one, PIXELS, PIXELS))
     wind = cv2.resize(cloud((512, 512), windy), (PIXELS, PIXELS))
     share = np.clip(0.72 + 0.4 * (wind - 0.5), 0, 1)
     ripples = cv2.blendLinear(sheets[0], sheets[1], share, 1 - share)

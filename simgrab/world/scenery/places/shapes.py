@@ -74,13 +74,9 @@ def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
     vertices = np.concatenate([*ring, [ring[0].mean(axis=0), ring[-1].mean(axis=0)]])
     i = np.arange(n)
     j = (i + 1) % n
-    faces = []
-    for k in range(len(ring) - 1):
-        a, b = k * n, (k + 1) * n
-        faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
     last, bottom, top = (len(ring) - 1) * n, len(vertices) - 2, len(vertices) - 1
-    faces += [np.stack([j, i, np.full(n, bottom)], 1), np.stack([last + i, last + j, np.full(n, top)], 1)]
-    return trimesh.Trimesh(vertices, np.concatenate(faces), process=False)
+    caps = [np.stack([j, i, np.full(n, bottom)], 1), np.stack([last + i, last + j, np.full(n, top)], 1)]
+    return steel.solid(vertices, np.concatenate([*_walls(range(len(ring)), n), *caps]))
 
 
 def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Trimesh:
@@ -94,14 +90,15 @@ def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Tri
         centre = ring.mean(axis=0)
         inner.append(ring - np.sign(ring - centre) * [wall, wall, 0.0])
     loop = [*outer, *inner[::-1]]
-    n, m = len(outer[0]), len(loop)
+    return steel.solid(np.concatenate(loop), np.concatenate(_walls([*range(len(loop)), 0], len(outer[0]))))
+
+
+def _walls(rings: Iterable[int], n: int) -> list[NDArray[np.int64]]:
+    """Faces between rings of ``n`` points, given by their numbers, each joined to the next."""
     i = np.arange(n)
     j = (i + 1) % n
-    faces = []
-    for k in range(m):
-        a, b = k * n, (k + 1) % m * n
-        faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
-    return trimesh.Trimesh(np.concatenate(loop), np.concatenate(faces), process=False)
+    return [np.stack(way, 1) for a, b in pairwise(np.array(rings) * n)
+            for way in ((a + i, a + j, b + j), (a + i, b + j, b + i))]  # fmt: skip
 
 
 def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] = (0.0, 0.0)) -> Vector:
@@ -186,14 +183,11 @@ def sheet(x: ArrayLike, y: ArrayLike, z: ArrayLike, *, bottom: float) -> trimesh
     x, y, z = np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)
     n, m = len(x), len(y)
     top = np.stack([*np.meshgrid(x, y, indexing="ij"), np.broadcast_to(z, (n, m))], axis=-1).reshape(-1, 3)
-    index = np.arange(n * m).reshape(n, m)
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    faces = [np.stack([p.ravel() for p in t], 1) for t in ((a, b, c), (a, c, d))]
-    rim = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
+    upper, rim = steel.grid(n, m)
     low = n * m + np.arange(len(rim))
     nxt, low_nxt = np.roll(rim, -1), np.roll(low, -1)
     centre = np.full(len(rim), n * m + len(rim))
-    faces += [np.stack(t, 1) for t in ((rim, low, low_nxt), (rim, low_nxt, nxt), (low, centre, low_nxt))]
+    skirt = [np.stack(t, 1) for t in ((rim, low, low_nxt), (rim, low_nxt, nxt), (low, centre, low_nxt))]
     under = np.column_stack([top[rim][:, :2], np.full(len(rim), bottom)])
     middle = [[(x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2, bottom]]
-    return trimesh.Trimesh(np.concatenate([top, under, middle]), np.concatenate(faces), process=False)
+    return steel.solid(np.concatenate([top, under, middle]), np.concatenate([upper, *skirt]))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, partial
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -15,13 +16,14 @@ import trimesh
 
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import fittings, materials
-from simgrab.world.scenery.places.canvas import Canvas, Picture, Plane, cloud, noise, tiled, toned
+from simgrab.world.scenery.places.canvas import Canvas, Picture, Plane, cloud, noise, shrunk, tiled, toned
 from simgrab.world.scenery.places.heap import Cargo
 from simgrab.world.scenery.places.shapes import across, box, join, placed, prism, railing
 from simgrab.world.scenery.textures import load
 
 SIZE = 48.0  # side of the painted square of deck, metres
 FAR = 100.0
+_CUTS = (-FAR, -72.0, -24.0, 24.0, 72.0, FAR)  # between plates, along x
 HATCH = (20.0, 15.4)  # clear opening, metres
 PITCH = 29.0  # from hatch to hatch
 HALF_BEAM = 16.0
@@ -62,8 +64,8 @@ def deck(
     uneven = noise(rng, cells=8, octaves=4)
 
     def base() -> Picture:
-        small = cv2.resize(tile, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) * tint
-        return toned(tiled(small.astype(np.uint8), pixels), uneven, 215, 70, 220)
+        small = (shrunk(tile, scale) * tint).astype(np.uint8)
+        return toned(tiled(small, pixels, pixels), uneven, 215, 70, 220)
 
     canvas = Canvas(base, SIZE, pixels, rng=rng)
     for centre in (-PITCH, 0.0, PITCH):
@@ -84,9 +86,8 @@ def deck(
     plating = Material("deck plating", texture=canvas.finish(cargo), specular=0.03)
     hole = ring(0.0) if is_open else None
     parts = []
-    cuts = [-FAR, -72.0, -24.0, 24.0, 72.0, FAR]
-    for i in range(5):
-        plate = shapely.box(cuts[i], -HALF_BEAM, cuts[i + 1], HALF_BEAM)
+    for i, (x0, x1) in enumerate(pairwise(_CUTS)):
+        plate = shapely.box(x0, -HALF_BEAM, x1, HALF_BEAM)
         plate = plate.difference(hole) if hole is not None and i == 2 else plate
         mesh = prism(plate, -0.04, 0.0)
         parts.append(Part(f"deck {i}", mesh, plating, canvas.uv(mesh.vertices)))
@@ -182,10 +183,9 @@ def hull(style: Looks, waterline: float, *, rng: np.random.Generator) -> list[Pa
     side = cache(partial(_side_picture, style, foot, waterline, patchy, scrape))
     skin = Material("hull side", texture=side, specular=0.06)
     parts = []
-    cuts = [-FAR, -72.0, -24.0, 24.0, 72.0, FAR]
     for s in (-1, 1):
-        for i in range(5):
-            mesh = box((cuts[i], s * HALF_BEAM, foot), (cuts[i + 1], s * (HALF_BEAM + 0.03), 0.22))
+        for i, (x0, x1) in enumerate(pairwise(_CUTS)):
+            mesh = box((x0, s * HALF_BEAM, foot), (x1, s * (HALF_BEAM + 0.03), 0.22))
             share = mesh.vertices[:, 0] / SIZE + 0.5
             across_v = (mesh.vertices[:, 2] - foot) / (0.22 - foot)
             uv = np.stack([np.abs(share - 2 * np.round(share / 2)), 0.002 + 0.996 * across_v], 1)
@@ -202,8 +202,7 @@ def _side_picture(style: Looks, foot: float, waterline: float, drawn: list[Plane
     tile = cv2.resize(
         load("hullplate"), (round(columns * 10 / SIZE), round(rows * 10 / height)), interpolation=cv2.INTER_AREA
     )
-    repeat = (-(-rows // tile.shape[0]), -(-columns // tile.shape[1]), 1)
-    plates = np.tile(tile, repeat)[:rows, :columns].astype(np.float32) / 255
+    plates = tiled(tile, rows, columns).astype(np.float32) / 255
     level = 0.22 - (np.arange(rows) + 0.5) / rows * height - waterline  # metres above the water
     uneven = level[:, None] + 0.25 * (patchy - 0.5)
     red = np.array((0.38, 0.17, 0.14), np.float32)

@@ -13,7 +13,7 @@ from simgrab.world.scenery.textures import load
 
 PAINTS = ((0.40, 0.16, 0.13), (0.20, 0.29, 0.40), (0.56, 0.55, 0.52), (0.24, 0.34, 0.26), (0.52, 0.39, 0.16))
 AXLES = (3.05, -1.45, -2.80)
-LENGTH, WIDTH = 8.3, 2.5  # from x = −4.2 to 4.1
+WIDTH = 2.5
 REAR, FRONT, FLOOR, SIDE = -4.0, 1.55, 1.22, 2.60  # the bed
 
 

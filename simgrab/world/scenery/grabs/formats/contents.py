@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simgrab.io.parse import shown
 from simgrab.model.geometry import Array
 
 Faces = NDArray[np.int64]
@@ -82,6 +84,12 @@ class Contents:
     doubts: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
     unit: str = ""
+
+
+def some(names: Iterable[str]) -> str:
+    """List names: six of them, and how many more there are."""
+    listed = [shown(name) for name in names]
+    return ", ".join(listed[:6]) + (f" and {len(listed) - 6} more" if len(listed) > 6 else "")
 
 
 _UNITS = {

@@ -7,6 +7,7 @@ nodes. pygltflib gives the JSON as classes, and reads no accessors.
 from __future__ import annotations
 
 import base64
+from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any
 from urllib.parse import unquote
@@ -22,7 +23,7 @@ from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
 from simgrab.model.srgb import encoded
 from simgrab.world.scenery.grabs.formats import gltf_extensions as extensions
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape
+from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, Shape, some
 from simgrab.world.scenery.grabs.formats.gltf_materials import Materials
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -79,11 +80,6 @@ class _Buffers:
             return np.asarray(np.maximum(rows / float(np.iinfo(kind).max), -1.0))
         return rows
 
-    def has(self, index: int) -> bool:
-        """Whether an accessor has data of its own."""
-        accessor = self._content["accessors"][index]
-        return "bufferView" in accessor or "sparse" in accessor
-
     def _rows(self, place: Mapping[str, Any], kind: np.dtype[Any], width: int, count: int) -> NDArray[Any]:
         view = self._content["bufferViews"][place["bufferView"]]
         data = self.view(place["bufferView"])
@@ -127,7 +123,7 @@ class _Buffers:
     def _of_uri(self, uri: str) -> bytes | None:
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2])
-        return self._model.files.named(unquote(uri), self._model.name)
+        return self._model.referred(unquote(uri))
 
 
 class _Scene:
@@ -149,14 +145,11 @@ class _Scene:
             shapes += self._of_node(number, pose, above, poses)
             if len(shapes) > 2 * MOST_NODES:
                 raise self._refuse(f"shows more than {2 * MOST_NODES} primitives: join some")
-        hidden = [number for number, node in enumerate(self._nodes) if "mesh" in node and number not in poses]
-        levels = {one for node in self._nodes for one in _extension(node, "MSFT_lod").get("ids", [])}
-        hidden = [number for number in hidden if number not in levels]
+        known = {*poses, *(one for node in self._nodes for one in _extension(node, "MSFT_lod").get("ids", []))}
+        hidden = [self._names[i] for i, node in enumerate(self._nodes) if "mesh" in node and i not in known]
         if hidden:
-            some = ", ".join(shown(self._names[number]) for number in hidden[:6])
-            more = f" and {len(hidden) - 6} more" if len(hidden) > 6 else ""
-            self._doubts[f"Hidden, or not in the scene that is shown: {some}{more}. Export them in that scene if they "
-                         "are of the grab."] = None  # fmt: skip
+            self._doubts[f"Hidden, or not in the scene that is shown: {some(hidden)}. Export them in that scene if "
+                         "they are of the grab."] = None  # fmt: skip
         for key in ("animations", "cameras"):
             if self._content.get(key):
                 self._unread[key] = None
@@ -165,10 +158,10 @@ class _Scene:
 
     def _walk(self) -> Iterator[tuple[int, Array, tuple[str, ...]]]:
         """Yield the shown nodes' numbers, with their poses and the names of all ancestors."""
-        waiting: list[tuple[int, Array, tuple[str, ...]]] = [(number, np.eye(4), ()) for number in self._roots()]
+        waiting = deque[tuple[int, Array, tuple[str, ...]]]((number, np.eye(4), ()) for number in self._roots())
         seen = set[int]()
         while waiting:
-            number, above, names = waiting.pop(0)
+            number, above, names = waiting.popleft()
             node = self._nodes[number]
             if number in seen or number < 0 or _extension(node, "KHR_node_visibility").get("visible") is False:
                 continue
@@ -214,7 +207,7 @@ class _Scene:
             return None
         at = primitive["attributes"]["POSITION"]
         compressed = sorted(extensions.COMPRESSED & set(primitive.get("extensions", {})))
-        if compressed and not self._buffers.has(at):
+        if compressed and not {"bufferView", "sparse"} & set(self._content["accessors"][at]):
             raise self._refuse(f"needs {compressed[0]}: export it without compression")
         vertices = self._buffers.read(at, (3,)).astype(float)
         targets = [(w, target) for w, target in zip(weights, primitive.get("targets", []), strict=False) if w]

@@ -7,7 +7,6 @@ Of the 68 cases of the tests that state a shape or a refusal, trimesh 5.2 gets 6
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from simgrab.io import models
 from simgrab.io.models import MOST_NODES, ModelFile
 from simgrab.io.parse import Refuse, shown
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.grabs.formats.contents import Contents, Faces, FileMaterial, Shape, stated_unit
+from simgrab.world.scenery.grabs.formats.contents import Contents, FileMaterial, Shape, some, stated_unit
 from simgrab.world.scenery.grabs.formats.polygons import check, triangles
 
 _FREE_FORM = {"vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp",
@@ -25,7 +24,6 @@ _OTHER_FILES = {"call", "csh", "maplib", "usemap", "shadow_obj", "trace_obj"}
 _SAID_NOTHING_OF = {"s", "mg", "vn", "lod", "bevel", "c_interp", "d_interp", "mtllib"}
 _PLAIN_MAPS = {"map_ka", "map_ks", "map_ns", "map_bump", "bump", "disp", "decal", "refl", "norm", "map_pr", "map_pm",
                "map_ps", "map_ke", "map_aat"}  # fmt: skip
-_BOUNDLESS = 2**40  # a missing index of a texture coordinate, where none can be
 
 _Part = tuple[str, str, str]
 """Names of object, group and material; empty where there is none."""
@@ -53,7 +51,7 @@ class _Text:
 
     def add(self, line: str) -> None:
         """Take the next line."""
-        words = line.split()
+        words = line.partition("#")[0].split()
         match words[0]:
             case "v":
                 if len(words) >= 7:
@@ -114,7 +112,7 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
     used = dict.fromkeys(name for *_, name in parts if name)
     unknown = [name for name in used if name not in library]
     if unknown and not model.missing:
-        doubts.append(f"No material library has {_some(unknown)}: its faces are painted by paint_rgb. Name the library "
+        doubts.append(f"No material library has {some(unknown)}: its faces are painted by paint_rgb. Name the library "
                       "by mtllib.")  # fmt: skip
     doubts += [
         f"Material {shown(name)}: faces without texture coordinates (vt) show Kd in place of its texture."
@@ -137,9 +135,11 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
 
 
 def _absolute(index: int, count: int) -> int:
-    if index >= 0:
-        return index or _BOUNDLESS
-    return count + 1 + index if count + 1 + index > 0 else -_BOUNDLESS
+    """Count from 1 what an index names, which may count back from the last of ``count``."""
+    number = index if index >= 0 else count + 1 + index
+    if number < 1:
+        raise ValueError("before the first")
+    return number
 
 
 def _shapes(
@@ -152,8 +152,9 @@ def _shapes(
     shapes = []
     for (owner, group, material), polygons in parts.items():
         v, vt = np.array(polygons.v, np.int64) - 1, np.array(polygons.vt, np.int64) - 1
-        _check(v, 0, len(points), "vertex", refuse)
-        _check(vt, -1, len(uvs), "texture coordinate", refuse)
+        for indices, count, what in ((v, len(points), "vertex"), (vt, len(uvs), "texture coordinate")):
+            if len(wrong := indices[indices >= count]):
+                raise refuse(f"a face names {what} {wrong[0] + 1} of {count}")
         corners, _ = triangles(points[v], np.array(polygons.sizes, np.int64))
         if not len(corners):
             continue
@@ -177,38 +178,26 @@ def _shapes(
     return shapes
 
 
-def _check(indices: Faces, least: int, count: int, what: str, refuse: Refuse) -> None:
-    wrong = indices[(indices < least) | (indices >= count)]
-    if len(wrong):
-        number = f"{what} {wrong[0] + 1}" if abs(wrong[0]) < _BOUNDLESS - 1 else f"a {what} before the first"
-        raise refuse(f"a face names {number} of {count}")
-
-
 def _levels(colours: dict[int, tuple[float, ...]], count: int) -> Array | None:
     """Give the colours of vertices, in [0, 1]; white where only others have one."""
     if not colours:
         return None
-    levels = np.ones((count, 3))
-    levels[list(colours)] = list(colours.values())
-    return np.clip(levels / (255.0 if levels.max() > 1.0 else 1.0), 0.0, 1.0)
+    stated, levels = np.array(list(colours.values())), np.ones((count, 3))
+    levels[list(colours)] = stated / (255.0 if stated.max() > 1.0 else 1.0)
+    return np.clip(levels, 0.0, 1.0)
 
 
 def _of_keywords(keywords: set[str]) -> list[str]:
     doubts = []
     if surfaces := keywords & _FREE_FORM:
-        doubts.append(f"It has free-form curves or surfaces ({_some(sorted(surfaces))}), which are not shown: export "
+        doubts.append(f"It has free-form curves or surfaces ({some(sorted(surfaces))}), which are not shown: export "
                       "them as triangles.")  # fmt: skip
     if others := keywords & _OTHER_FILES:
-        doubts.append(f"It refers to other files by {_some(sorted(others))}, which are not read: export one file.")
+        doubts.append(f"It refers to other files by {some(sorted(others))}, which are not read: export one file.")
     known = _FREE_FORM | _OTHER_FILES | _SAID_NOTHING_OF | {"l", "p"}
     if unknown := sorted(keywords - known):
-        doubts.append(f"It has lines that are not of the format: {_some(unknown)}. They are not read.")
+        doubts.append(f"It has lines that are not of the format: {some(unknown)}. They are not read.")
     return doubts
-
-
-def _some(names: Iterable[str]) -> str:
-    listed = [shown(name) for name in names]
-    return ", ".join(listed[:6]) + (f" and {len(listed) - 6} more" if len(listed) > 6 else "")
 
 
 # Material libraries.
@@ -218,26 +207,23 @@ def _libraries(model: ModelFile) -> tuple[dict[str, _Material], list[str]]:
     """Read the materials of all libraries that the file names."""
     library: dict[str, _Material] = {}
     doubts = []
-    if b"mtllib" in model.data:
-        for line in models.lines(model.data):
-            for name in models.libraries(line[6:]) if re.match(r"mtllib\s", line) else ():
-                data = model.files.named(name, model.name)
-                if data is not None:
-                    found = _library(model, name, data)
-                    library = found | library
-                    doubts += [] if found else [f"The material library {shown(name)} has no material (newmtl)."]
+    for name in dict.fromkeys(models.libraries(model.data)):
+        data = model.referred(name)
+        if data is not None:
+            found = _library(model, name, data)
+            library = found | library
+            doubts += [] if found else [f"The material library {shown(name)} has no material (newmtl)."]
     return library, doubts
 
 
 def _library(model: ModelFile, file: str, data: bytes) -> dict[str, _Material]:
     stated: dict[str, dict[str, tuple[str, str]]] = {}  # by material and keyword in lower case: the line's two ends
     own: dict[str, tuple[str, str]] = {}
-    for line in models.lines(data):
-        key, _, value = line.replace("\t", " ").partition(" ")
+    for key, value in models.statements(data):
         if key.lower() == "newmtl":
-            own = stated[value.strip()] = {}
-        elif value.strip() or key.lower() not in ("map_kd", "map_d"):
-            own[key.lower()] = key, value.strip()
+            own = stated[value] = {}
+        elif value or key.lower() not in ("map_kd", "map_d"):
+            own[key.lower()] = key, value
     return {name: _material(model, file, lines) for name, lines in stated.items()}
 
 
@@ -245,7 +231,7 @@ def _material(model: ModelFile, file: str, lines: dict[str, tuple[str, str]]) ->
     """Make a material of its lines."""
     doubts, rgb, texture, scale, offset = list[str](), (1.0, 1.0, 1.0), None, (1.0, 1.0), (0.0, 0.0)
     if "kd" in lines:
-        words = lines["kd"][1].split()
+        words = lines["kd"][1].partition("#")[0].split()
         levels = [min(max(level, 0.0), 1.0) for word in words if (level := _number(word)) is not None]
         if len(levels) == len(words) and len(levels) in (1, 3):  # one stands for all three
             rgb = (levels[0], levels[len(levels) // 2], levels[-1])
@@ -253,7 +239,7 @@ def _material(model: ModelFile, file: str, lines: dict[str, tuple[str, str]]) ->
             doubts.append(f"Kd {shown(' '.join(words))} is not read: give red, green and blue.")
     if "map_kd" in lines:
         name, options = models.map_name(lines["map_kd"][1])
-        texture = model.files.named(name, file.replace("\\", "/"))
+        texture = model.referred(name, file.replace("\\", "/"))
         scale, offset = (_pair(options.get(key, []), plain) for key, plain in (("-s", 1.0), ("-o", 0.0)))
         if ignored := sorted(set(options) & {"-clamp", "-mm", "-t", "-cc", "-imfchan", "-texres"}):
             doubts.append(f"options {', '.join(ignored)} of map_Kd are not read: put them into the picture.")

@@ -5,6 +5,7 @@ trimesh 5.2 gets 60 of the tests' 66 cases right, but no polygons of mixed sizes
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -63,11 +64,10 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
         colours = None
     uv = _uv(vertex, face, indices)
     surfaces = [_textured(model, name) for name in models.textures(model.data)] if uv is not None else []
+    comments = (words[1:] for words in header if words[:1] in (["comment"], ["obj_info"]))
+    unit = stated_unit(" ".join(itertools.chain(*comments)))
     if not any(surfaces) or uv is None:
-        return Contents(
-            (Shape(("geometry_0",), vertices, indices[corners], colours=colours),), *doubts,
-            stated_unit(" ".join(" ".join(words[1:]) for words in header if words[:1] in (["comment"], ["obj_info"]))),
-        )  # fmt: skip
+        return Contents((Shape(("geometry_0",), vertices, indices[corners], colours=colours),), *doubts, unit)
     numbers = face["texnumber"][polygons] if "texnumber" in face else np.zeros(len(corners), int)
     shapes = []
     for number in np.unique(numbers):
@@ -78,12 +78,12 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
             vertices[indices[own]], np.arange(len(own)).reshape(-1, 3), surface, None if surface is None else uv[own],
             None if surface is not None or colours is None else colours[numbers == number],
         ))  # fmt: skip
-    return Contents(tuple(shapes), *doubts)
+    return Contents(tuple(shapes), *doubts, unit)
 
 
 def _textured(model: ModelFile, name: str) -> FileMaterial | None:
     """Give a surface with a texture of the model's folder; None where it is not there."""
-    picture = model.files.named(name, model.name)
+    picture = model.referred(name)
     return None if picture is None else FileMaterial(texture=picture)
 
 

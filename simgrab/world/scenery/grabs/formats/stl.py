@@ -23,7 +23,7 @@ _VERTEX = re.compile(r"(?i)\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 def read(model: ModelFile, refuse: Refuse) -> Contents:
     """Read an STL file."""
     data = model.data
-    if len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
+    if len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
         facets = np.frombuffer(data, _FACET, offset=84)
         shape = _shape("geometry_0", facets["corners"].reshape(-1, 3), _colours(data[:80], facets["attribute"]))
         return Contents((shape,), unit=stated_unit(data[:80].decode("latin-1")))
