@@ -16,7 +16,7 @@ import simgrab
 from scripts import make_reference
 from scripts.make_tables import DOCS, TABLES, filled
 from simgrab.cli import cli
-from simgrab.dataset.sensor_files import yaml
+from simgrab.dataset.sensor_files import describe
 from simgrab.errors import SuiteError
 from simgrab.instrument.contract import Frame, Measurement, TakesSensors
 from simgrab.instrument.controller_file import ControllerFacts
@@ -187,7 +187,7 @@ def test_the_page_on_own_pipelines_holds_instruments_that_measure(tmp_path):
     camera = Calibration(width_px=960, height_px=540, focal_length_px=800.0, cx_px=480.0, cy_px=270.0)
     readings = [f"{10_000_000 * i},0,0,0,0,0,-9.81" for i in range(3)]
     (tmp_path / "data.csv").write_text("\n".join([",".join((STAMP, *RATE, *FORCE)), *readings]) + "\n")
-    (tmp_path / "sensor.yaml").write_text(yaml(Imu(mount="camera"), np.eye(4)))
+    (tmp_path / "sensor.yaml").write_text(describe(Imu(mount="camera"), np.eye(4), 0.0))
     found = []
     for block in blocks("python", OWN):
         names = {}

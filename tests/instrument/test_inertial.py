@@ -14,7 +14,7 @@ from swinging import nobody
 
 import simgrab
 from simgrab.cli.estimate import command
-from simgrab.dataset.sensor_files import yaml
+from simgrab.dataset.sensor_files import describe
 from simgrab.errors import RecordError, RunError
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.estimate import PendulumSmoother, RopeAware, pendulum_smoother
@@ -246,7 +246,7 @@ def test_a_sensor_belongs_to_one_record(crane):
 @pytest.fixture
 def folder(tmp_path):
     got, about = recording("mems"), scenario().sensors["imu0"]
-    (tmp_path / "sensor.yaml").write_text(yaml(about, got.body_from_sensor), encoding="utf-8")
+    (tmp_path / "sensor.yaml").write_text(describe(about, got.body_from_sensor, 0.0), encoding="utf-8")
     rows = "\n".join(
         f"{stamp},{','.join(map(repr, row))}" for stamp, row in zip(got.stamp_ns, got.values.tolist(), strict=True)
     )

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from commands import run
 
-from simgrab.dataset.sensor_files import yaml
+from simgrab.dataset.sensor_files import describe
 from simgrab.dataset.tables import calibration_of
 from simgrab.errors import BenchError, InstrumentError, RecordError
 from simgrab.instrument.contract import Frame, Measurement
@@ -350,7 +350,7 @@ def sensed(tmp_path, monkeypatch):
         readings = np.random.default_rng(seed).normal([0, 0, 0, 0, 0, -9.8], 0.01, (400, 6))
         rows = [f"{10_000_000 * i}," + ",".join(map(str, row)) for i, row in enumerate(readings.tolist())]
         (folder / "data.csv").write_text("\n".join([",".join((STAMP, *RATE, *FORCE)), *rows]) + "\n")
-        (folder / "sensor.yaml").write_text(yaml(season.SENSORS["imu"]["imu0"], np.eye(4)))
+        (folder / "sensor.yaml").write_text(describe(season.SENSORS["imu"]["imu0"], np.eye(4), 0.0))
     commit(tmp_path / "season")
     return tmp_path / "season"
 
