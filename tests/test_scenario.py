@@ -24,6 +24,7 @@ BAD = {
     "swing.alpha.sigma_deg": (-2.0, ">= 0"),
     "swing.alpha.law.dist": ("cauchy", "one of: half-normal"),
     "swing.alpha.law": ({"dist": "constant", "value": 0.0}, "sigma_deg = 0"),
+    "swing.alpha": ({"law": {"dist": "rayleigh", "scale": 1e-200, "high": 1.0}}, "sigma_deg = 0"),
     "swing.rope_length_mm": (8000, "rope_length_m"),
     "swing.rope_length_m": ({"dist": "normal", "mean": 15.0}, "stay within"),
     "swing.load": ({"dist": "constant", "value": 2.0}, "stay within"),

@@ -73,7 +73,7 @@ class Rayleigh(Distribution, frozen=True, tag="rayleigh"):
 
     def _beyond(self, high: float) -> float:
         """P(X > high) without truncation."""
-        return math.exp(-((high / self.scale) ** 2) / 2) if self.scale else 0.0
+        return math.exp(-((high / self.scale) ** 2) / 2) if high < 40 * self.scale else 0.0
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
         if self.high is None:

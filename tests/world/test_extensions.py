@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -184,20 +183,21 @@ def test_installed_packages_offer_functions_by_name(monkeypatch, tmp_path):
 
 
 def numpy_circle(scenario, frame, rng):
-    """As users write it: NumPy's numbers, and a gamma of their own that contradicts the poses."""
+    """As users write it: NumPy's numbers, and a gamma and a text of their own that contradict the poses."""
     moment = circle(scenario, frame, rng)
     grab = replace(moment.grab, rope_length=np.float64(15.0), load=np.float32(0.0))
     due = np.float64(frame % 2) / scenario.clip.frame_rate_hz
-    return replace(moment, grab=grab, gamma=3.0, time=due, jib=JIB, present=np.bool_(True), clip=7)
+    return replace(moment, grab=grab, gamma=3.0, time=due, jib=JIB, present=np.bool_(True), clip=7, shown="20.15")
 
 
-def test_moments_of_numpy_numbers_are_stored_and_gamma_follows_from_the_poses(tmp_path):
-    scene = msgspec.structs.replace(SCENE, frames=2)
+def test_moments_of_numpy_numbers_are_stored_and_gamma_and_text_follow_from_the_poses(tmp_path):
+    scene = small_scene(frames=2, clip__clip_frames=2, display__layout="four-point-four")
     simgrab.render(scene, tmp_path / "out", trajectory=numpy_circle)
     for index, frame in enumerate(simgrab.open(tmp_path / "out")):
         truth = frame.truth
         assert (truth.clip, truth.time_s) == (0, pytest.approx(index / 9))
         assert truth.gamma_deg == pytest.approx((180.0 * index - truth.tilt_azimuth_deg) % 360.0)
+        assert truth.rope_text == "12.50 12.95"
 
 
 def lent(buffer, rgb, _moment, _rng):

@@ -16,6 +16,7 @@ from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.trajectory.axis import CommandedAxis, Move
 from simgrab.world.trajectory.clip import ClipMotion
+from simgrab.world.trajectory.trajectory import Trajectory
 from simgrab.world.trajectory.work import OPEN, Work
 
 
@@ -110,6 +111,13 @@ def test_the_impossible_is_refused_when_it_is_read(changes, key, why):
         scenes.load("work-cycles", changes)
     assert refused.value.key == key
     assert why in str(refused.value)
+
+
+def test_jaws_that_the_grab_does_not_have_are_refused_whenever_a_frame_is_asked_for():
+    trajectory = Trajectory(scenes.load("free-swing", {"swing.work.jaw_deg": 80.0}))
+    for frame in (0, 1):
+        with pytest.raises(ScenarioError, match="this grab opens by 55°, got 80°"):
+            trajectory.at(frame)
 
 
 def test_hoisting_through_the_ground_is_refused():
