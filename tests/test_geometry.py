@@ -10,7 +10,7 @@ from simgrab.model.calibration import Calibration
 
 angle = st.floats(-np.pi, np.pi)
 small = st.floats(0.0, np.radians(30))
-PAPER = g.Intrinsics(1920, 1080, g.focal_length_px(4.8, 342.67), 960.0, 540.0)
+PAPER = g.Intrinsics(1920, 1080, g.PAPER_FOCAL_LENGTH_MM * g.PAPER_PIXELS_PER_MM, 960.0, 540.0)
 LENS = g.Distortion(-0.27, 0.09, 1e-3, -5e-4, -0.012)
 
 

@@ -13,7 +13,6 @@ from simgrab.model.geometry import (
     PAPER_FOCAL_LENGTH_MM,
     PAPER_PIXELS_PER_MM,
     Array,
-    focal_length_px,
     pixels_per_mm,
 )
 
@@ -59,8 +58,8 @@ def _of_section_4_3(study: PaperStudy) -> list[TableRow]:
             "4.3",
             "focal length h (px)",
             "1644.82",
-            f"{focal_length_px(PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM):.2f}",
-            f"{focal_length_px(PAPER_FOCAL_LENGTH_MM, density):.2f} with the density above",
+            f"{PAPER_FOCAL_LENGTH_MM * PAPER_PIXELS_PER_MM:.2f}",
+            f"{PAPER_FOCAL_LENGTH_MM * density:.2f} with the density above",
         ),
         TableRow(
             "4.3", "eq (3): E[h/√(m²+h²)]", f"{study.expected_cos:.6f}", f"{study.mean_cos:.6f}", "cosβ·exp(−σ²/2)"

@@ -5,7 +5,7 @@ OpenCV's: x right, y down, z forward. Angles are radians, lengths metres, pixels
 of the top-left pixel and pixel centres lie at +0.5. Everything is float64 and broadcasts over leading axes (frames).
 """
 
-from simgrab.model.geometry.lens import Distortion, Intrinsics, focal_length_px, pixels_per_mm
+from simgrab.model.geometry.lens import Distortion, Intrinsics, pixels_per_mm
 from simgrab.model.geometry.paper import (
     PAPER_FOCAL_LENGTH_MM,
     PAPER_PIXELS_PER_MM,
@@ -41,7 +41,6 @@ __all__ = [
     "camera_rotation",
     "eq1_residual",
     "eq2_cos_alpha",
-    "focal_length_px",
     "grab_centre",
     "grab_rotation",
     "image_radius",
