@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from simgrab.errors import ScenarioError
@@ -53,10 +55,10 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     jaw = min(jaw, most)
     gamma = np.radians(value("gamma", swing.gamma_deg)) % (2 * np.pi)
     load = value("load", swing.load)
-    tilt = np.radians((scenario.camera.beta_deg, scenario.camera.tilt_azimuth_deg, scenario.camera.roll_deg))
+    tilt = Tilt.at_rest(scenario.camera)
     grab = GrabState(
         alpha=float(np.radians(alpha_deg)),
-        azimuth=float((gamma + tilt[1]) % (2 * np.pi)),
+        azimuth=float((gamma + tilt.azimuth) % (2 * np.pi)),
         rope_length=value("rope_length", swing.rope_length_m),
         yaw=float(geometry.wrap(np.radians(value("yaw", swing.yaw_deg)))),
         jaw=float(jaw),
@@ -64,7 +66,5 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     )
     grab = hung(grab, scenario.suspension, float(design.terminations[0, 2]))
     present = stream(scenario.seed, frame, "swing.absent").random() >= swing.absent
-    return Moment(
-        frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma),
-        present=bool(present), clamped=("jaw_deg",) if clamped else (),
-    )  # fmt: skip
+    moment = Moment(frame, grab, tilt, float(gamma), present=bool(present))
+    return replace(moment, clamped=("jaw_deg",)) if clamped else moment
