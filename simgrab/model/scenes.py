@@ -84,7 +84,7 @@ def load(
 
 
 def manifest(scene: str | Path) -> dict[str, Any] | None:
-    """Path of the manifest of a scenario; None if the scenario comes from a bundled scene or a TOML file."""
+    """Plain data of a manifest that names a scenario; None of a bundled scene or a TOML file."""
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix != ".json":
         return None

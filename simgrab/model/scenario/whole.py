@@ -206,7 +206,7 @@ class Scenario(Strict, frozen=True):
         return hashlib.sha256(msgspec.json.encode(self._stated("deterministic"))).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data, as `from_dict` takes it."""
+        """Return plain data, as JSON and TOML have them."""
         return dict(msgspec.json.decode(msgspec.json.encode(self._stated(None))))
 
     def _stated(self, order: Literal["deterministic"] | None) -> dict[str, Any]:
