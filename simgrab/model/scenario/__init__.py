@@ -1,6 +1,6 @@
 """A scenario: everything that can change a number or a pixel, as frozen typed structs."""
 
-from simgrab.model.scenario.base import Cargo, Share, Strict, Tagged
+from simgrab.model.scenario.base import Cargo
 from simgrab.model.scenario.camera import (
     Camera,
     FixedMount,
@@ -123,16 +123,13 @@ __all__ = [
     "Scissors",
     "Sensor",
     "SensorFocal",
-    "Share",
     "Sharpening",
     "Shutter",
     "SideCamera",
     "SlewEncoder",
     "Splits",
     "Start",
-    "Strict",
     "Suspension",
-    "Tagged",
     "Target",
     "Turn",
     "Variant",
