@@ -75,7 +75,7 @@ def _backend(asked: str) -> str:
         if name == "osmesa" and _loads("libOSMesa.so.8"):
             return name
         # PyOpenGL wants a library of OpenGL beside EGL's.
-        if name == "egl" and (_loads("libOpenGL.so.0") or _loads("libGL.so.1")) and _has_egl_device():
+        if name == "egl" and (_loads("libOpenGL.so.0") or _loads("libGL.so.1")) and _egl_devices()[0]:
             return "disabled" if _old_pyopengl() else name
     return "disabled"
 
@@ -117,13 +117,8 @@ def gpus() -> list[int]:
     return [number for number, text in enumerate(texts) if b"EGL_MESA_device_software" not in text]
 
 
-def _has_egl_device() -> bool:
-    """Whether EGL lists a device. Debian's libegl1 alone, without Mesa's driver, lists none."""
-    return bool(_egl_devices()[0])
-
-
 def _egl_devices() -> tuple[list[int], Any]:
-    """Return the handles of EGL's devices, and the library."""
+    """Return the handles of EGL's devices, and the library. Debian's libegl1 alone, without Mesa's driver, lists none."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:
