@@ -84,34 +84,6 @@ class Extensions:
         functions = [{"role": role} | _identity(function) for role, function in given if function is not None]
         return {"functions": functions, "note": NOTE} if functions else None
 
-    def variant(self, scenario: Scenario, frame: int) -> Variant:
-        """Variant of a frame; see `simgrab.model.scenario.variant`.
-
-        Raises
-        ------
-        ScenarioError
-            If a drawn value is not valid.
-        ExtensionError
-            If the randomiser raises, or returns no mapping.
-        """
-        randomiser = self.randomiser
-        if randomiser is None:
-            return variant(scenario, frame)
-
-        def change(drawn: Scenario) -> Mapping[str, Any]:
-            rng = stream(scenario.seed, scenario.clip.of(frame), "randomiser")
-            found = _call("randomiser", randomiser, drawn, rng)
-            if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
-                raise ExtensionError(
-                    f"{_named('randomiser', randomiser)} must return a mapping from dotted keys to values"
-                )
-            fixed = next((key for key in found if f"{key}.".startswith("display.")), None)
-            if fixed is not None:
-                raise ScenarioError(fixed, "cannot vary by a randomiser: a dataset's readers take the scene's display")
-            return found
-
-        return variant(scenario, frame, change)
-
     def moment(self, scenario: Scenario, frame: int) -> Moment:
         """Moment of a frame by the user's trajectory.
 
@@ -218,8 +190,32 @@ class Recipe:
         return bool(self.scenario.vary) or self.extensions.randomiser is not None
 
     def variant(self, frame: int) -> Variant:
-        """Variant of a frame."""
-        return self.extensions.variant(self.scenario, frame)
+        """Variant of a frame; see `simgrab.model.scenario.variant`.
+
+        Raises
+        ------
+        ScenarioError
+            If a drawn value is not valid.
+        ExtensionError
+            If the randomiser raises, or returns no mapping.
+        """
+        randomiser = self.extensions.randomiser
+        if randomiser is None:
+            return variant(self.scenario, frame)
+
+        def change(drawn: Scenario) -> Mapping[str, Any]:
+            rng = stream(self.scenario.seed, self.scenario.clip.of(frame), "randomiser")
+            found = _call("randomiser", randomiser, drawn, rng)
+            if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
+                raise ExtensionError(
+                    f"{_named('randomiser', randomiser)} must return a mapping from dotted keys to values"
+                )
+            fixed = next((key for key in found if f"{key}.".startswith("display.")), None)
+            if fixed is not None:
+                raise ScenarioError(fixed, "cannot vary by a randomiser: a dataset's readers take the scene's display")
+            return found
+
+        return variant(self.scenario, frame, change)
 
     def variant_number(self, frame: int) -> int:
         """Index of a frame's variant; 0 for all frames if nothing varies."""

@@ -19,7 +19,7 @@ from world.user_functions import circle, invert, passing, speckle, sunny_or_grey
 import simgrab
 from simgrab.cli import cli
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError
-from simgrab.world.extensions import Extensions
+from simgrab.world.extensions import Extensions, Recipe
 from simgrab.world.trajectory.trajectory import Trajectory
 
 SCENE = small_scene(frames=4, image__format="png", clip__clip_frames=2)
@@ -137,7 +137,7 @@ BAD = [
 def used(scene=SCENE, *, randomiser=None, trajectory=None, effects=()):
     """Call what a frame would call, without a world to render."""
     given = Extensions.of(randomiser, trajectory, effects)
-    scene = given.variant(scene, 0).scenario
+    scene = Recipe(scene, given).variant(0).scenario
     moment = Trajectory(scene, given).at(0)
     return given.apply(np.zeros((scene.camera.height_px, scene.camera.width_px, 3), np.uint8), moment, scene)
 
