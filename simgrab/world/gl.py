@@ -118,7 +118,7 @@ def gpus() -> list[int]:
 
 
 def _egl_devices() -> tuple[list[int], Any]:
-    """Return the handles of EGL's devices, and the library. Debian's libegl1 alone, without Mesa's driver, lists none."""
+    """Return the handles of EGL's devices, and the library; without Mesa's driver, Debian's libegl1 lists none."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:
