@@ -314,12 +314,6 @@ def test_what_is_left_of_a_joint_factor_is_labelled_by_its_values():
     assert one.drawn == {"light.sky": one.scenario.light.sky}
 
 
-def test_values_of_a_list_are_named():
-    for value in (["x"], "jaw_deg"):
-        with pytest.raises(ScenarioError, match="of: jaw_deg, rope_length_m; got"):
-            scenes.load("quay-day", {"swing.clamp": value})
-
-
 def test_contradictions_are_refused(state):
     with pytest.raises(ScenarioError, match=r"^camera: an empty table states nothing, and camera\.\w+ varies"):
         state("training", {"camera": {}})

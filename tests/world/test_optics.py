@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simgrab.errors import ScenarioError
-from simgrab.model import scenes
 from simgrab.model.geometry import Distortion, Intrinsics
 from simgrab.model.rng import stream
 from simgrab.model.scenario import AutoExposure, FixedExposure, Optics, Sensor, Sharpening
@@ -300,21 +298,3 @@ def test_coding_keeps_colours_in_their_channels_and_grey_grey():
     assert recompress(red, 80)[16, 16] == pytest.approx((200, 0, 0), abs=6)
     grey = recompress(take(NOISY, scene(), exposure=GREY), 30)
     assert np.ptp(grey.astype(int), axis=2).max() <= 1
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"optics.sensor.read_noise_e": 3.0}, "needs full_well_e, the electron count of white"),
-        ({"optics.sensor.full_well_e": 5.0}, "full_well_e must be 0 .* or at least 100"),
-        ({"optics.night_mode": "auto"}, "needs exposure.model"),
-        (
-            {"optics.night_mode": "auto", "optics.exposure": {"model": "auto", "max_gain_db": 12.0}},
-            r"night_gain_db \(18\) is never reached: exposure.max_gain_db is 12",
-        ),
-        ({"optics.exposure": {"model": "fixed", "lag_s": 1.0}}, "optics.exposure.lag_s"),
-    ],
-)
-def test_impossible_settings_are_refused_with_the_reason(changes, message):
-    with pytest.raises(ScenarioError, match=message):
-        scenes.load("quay-day", changes)

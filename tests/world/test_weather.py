@@ -2,7 +2,6 @@ from dataclasses import replace
 from functools import partial
 
 import cv2
-import msgspec
 import numpy as np
 import pytest
 
@@ -309,12 +308,3 @@ def test_the_glass_stays_as_it_is_for_a_clip(settings):
     first, later, other = (glass(frame=f, clip=clip).attenuation for f, clip in ((0, 0), (9, 0), (9, 1)))
     assert np.array_equal(first, later)
     assert not np.array_equal(later, other)
-
-
-@pytest.mark.parametrize(("settings", "reason"), [
-    ({"rain_mm_h": 5.0, "snow_mm_h": 4.0}, "heavy snow falls without rain"), ({"fog": 1.0}, "fog"),
-    ({"lens_dirt": 0.7, "lens_snow": 0.5}, "cover the same glass"), ({"wetness": 1.5}, "wetness"),
-])  # fmt: skip
-def test_impossible_weather_is_refused_with_the_reason(settings, reason):
-    with pytest.raises(msgspec.ValidationError, match=reason):
-        msgspec.convert(settings, Weather)
