@@ -57,9 +57,10 @@ def pytest_collection_modifyitems(config, items):
 
 
 def toml(value):
+    """Write a value as TOML on one line."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + "}"
-    return json.dumps(value)
+        return "{" + ", ".join(f'"{key}" = {toml(inner)}' for key, inner in value.items()) + "}"
+    return "[" + ", ".join(map(toml, value)) + "]" if isinstance(value, list) else json.dumps(value)
 
 
 def as_options(changes):

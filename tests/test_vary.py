@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 import tomli_w
-from conftest import slow_but
+from conftest import slow_but, toml
 from scipy import stats
 
 from simgrab.errors import ScenarioError
@@ -18,7 +18,7 @@ from simgrab.io.strict import _structs_of as structs_of
 from simgrab.io.strict import convert
 from simgrab.model import scenes
 from simgrab.model.scenario import Hold, Plain, Scenario, merged, variant, variants, vary
-from simgrab.model.scenario.vary import laid_over, nested
+from simgrab.model.scenario.vary import at, laid_over, nested
 
 UNIFORM = {"dist": "uniform", "low": 1.0, "high": 5.0}
 PLACES = {
@@ -222,27 +222,14 @@ def state(request, tmp_path):
         return scenes.load(tmp_path / "scene.toml")
 
     def by_set(scene, keys):
-        return scenes.load(scene, scenes.parse_changes(f"{key}={inline(value)}" for key, value in keys.items()))
+        return scenes.load(scene, scenes.parse_changes(f"{key}={toml(value)}" for key, value in keys.items()))
 
     return {"file": by_file, "set": by_set, "python": scenes.load}[request.param]
-
-
-def inline(value):
-    """Write a value as TOML on one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f'"{key}" = {inline(inner)}' for key, inner in value.items()) + "}"
-    return "[" + ", ".join(map(inline, value)) + "]" if isinstance(value, list) else json.dumps(value)
 
 
 def drawn(scenario, key, frames=range(0, 80, 8)):
     """Values that a key has in the first variants."""
     return [at(msgspec.to_builtins(variant(scenario, frame).scenario), key) for frame in frames]
-
-
-def at(data, key):
-    for step in key.split("."):
-        data = data[step]
-    return data
 
 
 def test_a_stated_key_does_not_vary(state):
