@@ -4,6 +4,7 @@ from functools import partial
 import cv2
 import numpy as np
 import pytest
+from test_row_blocks import by_threads
 
 from simgrab.model import geometry
 from simgrab.model.geometry import Distortion, Intrinsics, Pose
@@ -79,14 +80,7 @@ def test_repeatable_input_unchanged_new_in_every_frame(name):
 def test_bytes_do_not_depend_on_threads():
     seen = render_pass(0.05, intrinsics=Intrinsics(960, 540, 822.0, 480.0, 270.0))
     everything = {key: value for settings in SETTINGS.values() for key, value in settings.items() if key != "rain_mm_h"}
-    threads, pictures = cv2.getNumThreads(), []
-    try:
-        for n in (1, 2, 5):
-            cv2.setNumThreads(n)
-            pictures.append(weathered(seen, **everything).light.tobytes())
-    finally:
-        cv2.setNumThreads(threads)
-    assert len(set(pictures)) == 1
+    assert len(set(by_threads(lambda: weathered(seen, **everything).light.tobytes()))) == 1
 
 
 @pytest.mark.parametrize("lens", [Distortion(), Distortion(-0.25, 0.06)])
