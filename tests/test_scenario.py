@@ -12,7 +12,7 @@ from simgrab.errors import ScenarioError
 from simgrab.io.resources import SCENES
 from simgrab.io.strict import convert
 from simgrab.model import scenes
-from simgrab.model.scenario import Scenario, merged, schema
+from simgrab.model.scenario import Scenario, merged, schema, vary
 
 BAD = [
     ("camera.betta_deg", 1.0, "did you mean 'beta_deg'"),
@@ -100,6 +100,20 @@ def test_digest_sees_every_change_and_nothing_else():
     assert scene.digest() == scenes.load("quay-day").digest()
     for changes in ({"seed": 1}, {"frames": 65}, {"camera.roll_deg": 1e-9}, {"swing.alpha.sigma_deg": 2.0000001}):
         assert scenes.load("quay-day", changes).digest() != scene.digest()
+
+
+@pytest.mark.parametrize(("key", "usual", "other"), [
+    ("suspension", {"model": "one-body"}, {"model": "four-rope"}), ("markers", {}, {"target": {}}),
+    ("sensors", {}, {"imu0": {"model": "imu", "mount": "grab"}}), ("labels.yolo", "box", "pose"),
+    ("display.font", {"model": "bundled"}, {"model": "generated"}), ("optics.sharpening", {}, {"amount": 1.0}),
+    ("optics.white_balance", [1.0, 1.0, 1.0], [1.2, 1.0, 1.0]),
+])  # fmt: skip
+def test_a_key_that_came_later_is_written_and_digested_only_where_it_is_not_as_before(key, usual, other):
+    assert scenes.load("quay-day").digest().startswith("a6c89a281ab7")
+    before = scenes.load("free-swing")
+    assert vary.at(before.to_dict(), key) is None
+    assert scenes.load("free-swing", {key: usual}).digest() == before.digest()
+    assert scenes.load("free-swing", {key: other}).digest() != before.digest()
 
 
 def test_sigma_is_the_rms_of_every_law():
