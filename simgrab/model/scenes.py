@@ -179,10 +179,7 @@ def _kind(table: Mapping[str, Any]) -> ModuleType:
 
 
 def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], ModelFile], key: str = "") -> Any:
-    """Name models of grabs, photographs and fonts by file name and SHA-256, wherever a scene's plain data have a path.
-
-    ``read`` gives the model of a table.
-    """
+    """Name models, photographs and fonts by file name and SHA-256, wherever a scene's plain data have a path."""
     if key.count(".") > MOST_LEVELS:
         return data  # refused later
     if isinstance(data, Mapping):
@@ -235,11 +232,7 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
 def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse], ModelFile]) -> Scenario:
     """Build a scenario from a scene's plain data, as in a file; missing keys have their defaults.
 
-    Parameters
-    ----------
-    data : mapping
-    read : callable
-        Gives the model of a table that names one, and refuses what may not be read.
+    ``read`` gives the model of a table that names one, and refuses what may not be read.
 
     Raises
     ------
