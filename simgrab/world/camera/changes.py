@@ -41,13 +41,9 @@ def cut(boxes: Array, pieces: int) -> Array:
 
 
 def marked(boxes: Array, map_from_jib: Array) -> NDArray[np.bool_]:
-    """Cells of a shadow map that boxes may darken, shape (`CELLS`, `CELLS`).
+    """Cells of a shadow map that boxes (n, 8, 3) may darken, shape (`CELLS`, `CELLS`).
 
-    Parameters
-    ----------
-    boxes : ndarray, shape (n, 8, 3)
-    map_from_jib : ndarray, shape (4, 4)
-        To coordinates from 0 to 1 across the map.
+    ``map_from_jib`` (4, 4) leads to coordinates from 0 to 1 across the map.
     """
     at = (boxes @ map_from_jib[:2, :3].T + map_from_jib[:2, 3]) * CELLS
     low, high = np.floor(at.min(axis=1)).astype(int) - 1, np.ceil(at.max(axis=1)).astype(int) + 1
@@ -76,8 +72,6 @@ def receivers(
         Along the optical axis, m.
     map_from_camera : ndarray, shape (4, 4)
         To coordinates from 0 to 1 across the map.
-    focal_px : float
-    centre_px : ndarray, shape (2,)
     """
     height, width = depth.shape
     x = ((np.arange(width) + 0.5 - centre_px[0]) / focal_px).astype(np.float32)
