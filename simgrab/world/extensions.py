@@ -266,10 +266,7 @@ def _named(role: str, function: Callable[..., Any]) -> str:
 
 
 def _identity(function: Callable[..., Any]) -> dict[str, Any]:
-    """Name of a function, and SHA-256 of its source file and of its state, if any: None if unknown.
-
-    A function at the top of a module has no state beyond its source; a partial, a method or an instance has.
-    """
+    """Name of a function, and SHA-256 of its source file and of its state, if any: None if unknown."""
     inner = function
     while hasattr(inner, "func"):  # functools.partial
         inner = inner.func
@@ -284,7 +281,7 @@ def _identity(function: Callable[..., Any]) -> dict[str, Any]:
         source = None
     digest = hashlib.sha256(source).hexdigest() if source is not None else None
     identity: dict[str, Any] = {"name": f"{module}:{defined.__qualname__}", "source_sha256": digest}
-    if inspect.isfunction(function) and "<" not in defined.__qualname__:  # neither lambda nor closure
+    if inspect.isfunction(function) and "<" not in defined.__qualname__:  # no lambda, closure, partial or instance
         return identity
     try:
         return identity | {"state_sha256": hashlib.sha256(pickled(function)).hexdigest()}

@@ -200,10 +200,8 @@ def _loaded(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.MjrC
 
 @contextmanager
 def _out_of_memory_raises() -> Iterator[None]:
-    """Raise an error if MuJoCo warns that OpenGL lacks memory for a model: rendering it could crash the process.
-
-    Its other warnings are logged, and not written to a file in the working folder.
-    """
+    """Raise an error if MuJoCo warns that OpenGL lacks memory for a model: rendering it could crash the process."""
+    # Its other warnings are logged, and not written to a file in the working folder.
     import mujoco
 
     warnings: list[str] = []

@@ -21,13 +21,7 @@ ROPE_TOLERANCE_M = 1.0  # but for a rope over a termination: the one that ends t
 def label(variant: Variant, buffers: Buffers, attenuation: NDArray[np.float32] | None = None) -> Truth:
     """Compose the truth of one frame.
 
-    Parameters
-    ----------
-    variant : Variant
-        Variant of the frame.
-    buffers : Buffers
-    attenuation : ndarray of float32, shape (height, width), optional
-        Share of the scene's light that weather keeps from the camera; none in clear air.
+    ``attenuation`` (height, width) is the share of the scene's light that weather keeps from the camera.
     """
     projection, visibility = buffers.projection, buffers.visibility
     scenario, moment = variant.scenario, projection.moment

@@ -19,13 +19,7 @@ CLOSED = np.radians(2.0)  # jaws wider than this hold nothing
 
 
 def draw(scenario: Scenario, frame: int) -> Moment:
-    """Draw one frame; every variable has its own stream, so frames can be made alone and in any order.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Scenario with independent frames.
-    frame : int
+    """Draw one independent frame; every variable has its own stream, so frames can be made alone and in any order.
 
     Raises
     ------

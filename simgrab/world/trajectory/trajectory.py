@@ -21,15 +21,8 @@ class Trajectory:
     """The moments of a scenario.
 
     Frames may be requested in any order. With dynamic swing, a clip runs from its beginning to the requested frame,
-    so forward requests are cheap and backward ones are not.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    extensions : Extensions
-        A user's own trajectory replaces the scenario's swing.
-    plan : Plan, optional
-        Plan of the scenario; required if ropes are to be shortened until the grab is clear of the surroundings.
+    so forward requests are cheap and backward ones are not. A user's own trajectory replaces the scenario's swing. The
+    plan is required if ropes are to be shortened until the grab is clear of the surroundings.
     """
 
     def __init__(self, scenario: Scenario, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:

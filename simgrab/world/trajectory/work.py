@@ -47,14 +47,7 @@ class Course:
 
 
 class Work:
-    """The course of one clip, made as far as requested; the past is forgotten.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        With dynamic swing.
-    clip : int
-    """
+    """The course of one clip of a scenario with dynamic swing, made as far as requested; the past is forgotten."""
 
     def __init__(self, scenario: Scenario, clip: int) -> None:
         assert isinstance(scenario.swing, Dynamic)
