@@ -232,21 +232,20 @@ def _find(role: str, given: F | str) -> F:
     if not isinstance(given, str):
         raise ExtensionError(f"{role}: must be a function or the name of an entry point, got {type(given).__name__}")
     group = GROUPS[role]
-    points = list(entry_points(group=group))
-    found = {point.name: point for point in points}
-    same = [point.value for point in points if point.name == given]
-    if len(same) > 1:
-        raise ExtensionError(f"{role} {given!r} is offered twice, as {same[0]} and as {same[1]}")
-    if given not in found:
-        there = ", ".join(sorted(found)) or "none"
+    points = entry_points(group=group)
+    found = [point for point in points if point.name == given]
+    if not found:
+        there = ", ".join(sorted(points.names)) or "none"
         raise ExtensionError(f"no {role} {given!r} in the entry points {group}; installed: {there}")
+    if len(found) > 1:
+        raise ExtensionError(f"{role} {given!r} is offered twice, as {found[0].value} and as {found[1].value}")
     try:
-        loaded = found[given].load()
+        loaded = found[0].load()
     except Exception as problem:
         why = f"{type(problem).__name__}: {first_line(problem)}"
-        raise ExtensionError(f"{role} {given!r} ({found[given].value}) cannot be imported: {why}") from None
+        raise ExtensionError(f"{role} {given!r} ({found[0].value}) cannot be imported: {why}") from None
     if not callable(loaded):
-        raise ExtensionError(f"{role} {given!r} ({found[given].value}) is not a function")
+        raise ExtensionError(f"{role} {given!r} ({found[0].value}) is not a function")
     return loaded
 
 
