@@ -25,22 +25,11 @@ Weights = Annotated[tuple[NonNegative, ...], msgspec.Meta(max_length=MOST_VALUES
 
 
 class Distribution(Checked, frozen=True, tag_field="dist"):
-    """A one-dimensional probability distribution.
+    """A one-dimensional probability distribution: one of `AnyDistribution`.
 
-    Each distribution gives `sample`, its root mean square `rms`, and the interval `support` that contains all values.
+    Each draws by ``sample(rng, size)`` so many values, shape (size,), or one, shape (). ``rms()`` is √E[X²], and
+    ``support()`` are the lowest and the highest value that can be drawn.
     """
-
-    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:
-        """Draw ``size`` values, shape (size,), or one, shape ()."""
-        raise NotImplementedError
-
-    def rms(self) -> float:
-        """√E[X²]."""
-        raise NotImplementedError
-
-    def support(self) -> tuple[float, float]:
-        """Lowest and highest value that can be drawn."""
-        raise NotImplementedError
 
 
 class HalfNormal(Distribution, frozen=True, tag="half-normal"):

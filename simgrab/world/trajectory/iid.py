@@ -8,7 +8,7 @@ import numpy as np
 
 from simgrab.errors import ScenarioError
 from simgrab.model import geometry
-from simgrab.model.distributions import Distribution
+from simgrab.model.distributions import AnyDistribution
 from simgrab.model.rng import stream
 from simgrab.model.scenario import MOST_ALPHA_DEG, Iid, Scenario
 from simgrab.world.scenery.grabs import design_of
@@ -29,7 +29,7 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     swing = scenario.swing
     assert isinstance(swing, Iid)
 
-    def value(name: str, law: Distribution) -> float:
+    def value(name: str, law: AnyDistribution) -> float:
         return float(law.sample(stream(scenario.seed, frame, f"swing.{name}")))
 
     alpha_deg = abs(value("alpha", swing.alpha.law)) * swing.alpha.scale_deg
