@@ -161,14 +161,6 @@ def _named(scene: Path, table: Mapping[str, Any], refuse: Refuse, within: Path |
     return file
 
 
-def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
-    """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
-    found: dict[str, Any] = _with_models(
-        scenario, lambda table, refuse: _kind(table).read(_copy(dataset, table, refuse), refuse)
-    )
-    return found
-
-
 _READERS: dict[str, ModuleType] = {"mesh": models, "photo": photographs, "file": fonts}
 """Modules that read the file of a table, by its ``model``."""
 
