@@ -37,6 +37,7 @@ def test_discrete_laws():
     assert Constant(3.0).sample(stream(0, 0, "c")) == 3.0
     assert (Constant(3.0).sample(stream(0, 0, "c"), 4) == 3.0).all()
     assert Normal(2.0, 0.0).sample(stream(0, 0, "c")) == 2.0
+    assert Normal(low=0.0, high=1e-6).rms() == pytest.approx(1e-6 / np.sqrt(3))
 
 
 @pytest.mark.parametrize(

@@ -128,12 +128,14 @@ class Normal(Distribution, frozen=True, tag="normal"):
         if self.sd == 0:
             return abs(self.mean)
         a, b = ((bound - self.mean) / self.sd for bound in self.support())
+        if b - a < 1e-4:  # the density is even there, and the closed form would cancel
+            return Uniform(*self.support()).rms()
         below, above = self._mass()
         density_a, density_b = (math.exp(-z * z / 2) / math.sqrt(2 * math.pi) for z in (a, b))
         tail_a, tail_b = (z * d if math.isfinite(z) else 0.0 for z, d in ((a, density_a), (b, density_b)))
         first = (density_a - density_b) / (above - below)
         second = 1 + (tail_a - tail_b) / (above - below)
-        return math.sqrt(self.mean**2 + 2 * self.mean * self.sd * first + self.sd**2 * second)
+        return math.sqrt(max(self.mean**2 + 2 * self.mean * self.sd * first + self.sd**2 * second, 0.0))
 
     def support(self) -> tuple[float, float]:  # noqa: D102
         low = -math.inf if self.low is None else self.low
