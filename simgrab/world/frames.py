@@ -155,13 +155,7 @@ class FrameGenerator:
         return self.projections.get(frame) or self.scene(frame).project(frame)
 
     def frame(self, frame: int, *, full: bool = False) -> Frame:
-        """Make one frame.
-
-        Parameters
-        ----------
-        frame : int
-        full : bool
-            Whether to return ids and depth of the whole picture.
+        """Make one frame, with ``full`` also ids and depth of the whole picture.
 
         Raises
         ------

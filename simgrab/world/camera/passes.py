@@ -318,21 +318,9 @@ class Passes:
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Sequence[Geom], windows: Sequence[Window],
         redrawn: Sequence[tuple[Window, Sequence[Geom]]], *, shadowed: bool,
     ) -> Iterator[tuple[Window, NDArray[np.uint8]]]:  # fmt: skip
-        """Draw moving geoms over the picture that `colour` kept.
+        """Draw moving geoms over the picture that `colour` kept, and yield the windows of it that hold all they change.
 
-        Parameters
-        ----------
-        scene, rect, shadowed
-            As for `colour`.
-        moving : sequence of Geom
-        windows : sequence of Window
-            Of the picture, which hold all that is drawn.
-        redrawn : sequence of tuple of Window and sequence of Geom
-            Parts of these where shadows change, and the geoms that stand still there.
-
-        Yields
-        ------
-        tuple of Window and ndarray of uint8, shape (h, w, 3)
+        ``redrawn`` are parts of these where shadows change, with the geoms that stand still there.
         """
         self._copy("picture", windows)
         whole = (0, 0, rect.width, rect.height)

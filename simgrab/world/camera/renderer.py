@@ -110,12 +110,8 @@ class Renderer:
     shadows may differ from those of a picture that is drawn whole, as the environment variable ``SIMGRAB_REUSE=0`` has
     every picture drawn; the fingerprint says which it was.
 
-    Parameters
-    ----------
-    world : World
-    scenario : Scenario
-    station : callable, optional
-        Gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the scenario's.
+    A ``station`` gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the
+    scenario's.
 
     Attributes
     ----------
@@ -165,14 +161,9 @@ class Renderer:
         return smooth and isinstance(scenario.place, Photo) == (self._background is not None)
 
     def revise(self, world: World, old: Scenario, new: Scenario) -> None:
-        """Go on with another scenario, in the same OpenGL context.
+        """Go on from one scenario to another, in the same OpenGL context.
 
-        Parameters
-        ----------
-        world : World
-            With the same model and other lights, or with a model of its own.
-        old, new : Scenario
-            The one that it rendered last, and the one to render.
+        The world has the same model and other lights, or a model of its own.
 
         Raises
         ------
