@@ -5,10 +5,9 @@ for a camera at the rope exit it is the angle ψ of the ray from the optical axi
 """
 
 import numpy as np
+from equations import eq2_cos_alpha
 from hypothesis import given
 from hypothesis import strategies as st
-
-from simgrab.model.geometry import eq2_cos_alpha
 
 
 @given(st.floats(0, 800), st.floats(-np.pi, np.pi), st.floats(0, 0.5))

@@ -10,8 +10,6 @@ from simgrab.model.geometry.lens import Intrinsics as Intrinsics
 from simgrab.model.geometry.lens import pixels_per_mm as pixels_per_mm
 from simgrab.model.geometry.paper import PAPER_FOCAL_LENGTH_MM as PAPER_FOCAL_LENGTH_MM
 from simgrab.model.geometry.paper import PAPER_PIXELS_PER_MM as PAPER_PIXELS_PER_MM
-from simgrab.model.geometry.paper import eq1_residual as eq1_residual
-from simgrab.model.geometry.paper import eq2_cos_alpha as eq2_cos_alpha
 from simgrab.model.geometry.paper import image_radius as image_radius
 from simgrab.model.geometry.pose import Pose as Pose
 from simgrab.model.geometry.rotations import STANDARD_GRAVITY as STANDARD_GRAVITY
@@ -21,7 +19,6 @@ from simgrab.model.geometry.rotations import grab_centre as grab_centre
 from simgrab.model.geometry.rotations import grab_rotation as grab_rotation
 from simgrab.model.geometry.rotations import lean as lean
 from simgrab.model.geometry.rotations import on_ropes as on_ropes
-from simgrab.model.geometry.rotations import rotation_y as rotation_y
 from simgrab.model.geometry.rotations import rotation_z as rotation_z
 from simgrab.model.geometry.rotations import swing_of as swing_of
 from simgrab.model.geometry.rotations import to_camera as to_camera
