@@ -20,7 +20,7 @@ KERNEL_PX = 3  # within which lie the pixels that resampling takes
 class PictureMap:
     """Where each pixel of a window of the lens' picture comes from in the undistorted one, which may be rendered finer.
 
-    Made of these undistorted pixels, shape (h, w, 2).
+    It is made of those undistorted pixels, shape (h, w, 2).
     """
 
     def __init__(self, ideal: Array) -> None:

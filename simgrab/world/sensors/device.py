@@ -61,7 +61,7 @@ class SensorRows:
 
 
 class Device(ABC):
-    """A sensor in one clip, which gives its rows in order, one of ``each`` so many samples.
+    """A sensor in one clip, which gives its rows in order, one for every ``each`` samples.
 
     Attributes
     ----------

@@ -141,7 +141,7 @@ class Plant(ABC):
         the interval's beginning counts as acceleration throughout the interval. Between two steps the motion is that of
         a shorter step from the first of them, by the same integrator.
 
-        The instants increase, since the interval's beginning, s; the motion has the shape (n, `WIDTH`).
+        The instants, s, count from the interval's beginning and increase; the motion has the shape (n, `WIDTH`).
         """
         before = self._rates() if instants else np.zeros((2, 3))
         self._hold(drive.jaw, drive.load)
