@@ -1,6 +1,7 @@
 import cv2
 import numpy as np
 import pytest
+from equations import eq1_residual, eq2_cos_alpha
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -10,7 +11,7 @@ from simgrab.model.calibration import Calibration
 
 angle = st.floats(-np.pi, np.pi)
 small = st.floats(0.0, np.radians(30))
-PAPER = g.Intrinsics(1920, 1080, g.focal_length_px(4.8, 342.67), 960.0, 540.0)
+PAPER = g.Intrinsics(1920, 1080, g.PAPER_FOCAL_LENGTH_MM * g.PAPER_PIXELS_PER_MM, 960.0, 540.0)
 LENS = g.Distortion(-0.27, 0.09, 1e-3, -5e-4, -0.012)
 
 
@@ -55,8 +56,8 @@ def test_paper_equations_hold_with_the_camera_at_the_rope_exit(alpha, gamma, bet
     centre = g.grab_centre(alpha, gamma + azimuth, length)
     ideal = PAPER.ideal(g.to_camera(centre, g.camera_rotation(beta, azimuth, roll), (0, 0, 0)))
     m, theta = PAPER.polar(ideal, g.vertical_direction(azimuth, roll))
-    assert abs(g.eq1_residual(m, alpha, gamma, beta, PAPER.f_px)) < 1e-9
-    assert abs(g.eq2_cos_alpha(m, theta, beta, PAPER.f_px) - np.cos(alpha)) < 1e-9
+    assert abs(eq1_residual(m, alpha, gamma, beta, PAPER.f_px)) < 1e-9
+    assert abs(eq2_cos_alpha(m, theta, beta, PAPER.f_px) - np.cos(alpha)) < 1e-9
     assert g.image_radius(alpha, gamma, beta, PAPER.f_px) == pytest.approx(float(m), abs=1e-4)
     np.testing.assert_allclose(PAPER.from_polar(m, theta, g.vertical_direction(azimuth, roll)), ideal, atol=1e-9)
 

@@ -77,11 +77,6 @@ def test_values_become_what_they_are_from_a_file():
     assert Outer(pair=np.array([1.0, 2.0])).pair == (1.0, 2.0)
 
 
-def test_a_scenario_of_either_door_has_one_digest():
-    made = Scenario(camera=Camera(beta_deg=5))
-    assert made.digest() == convert(made.to_dict(), Scenario).digest()
-
-
 @pytest.mark.parametrize(
     ("make", "error", "key"),
     [

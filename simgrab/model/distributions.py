@@ -25,22 +25,11 @@ Weights = Annotated[tuple[NonNegative, ...], msgspec.Meta(max_length=MOST_VALUES
 
 
 class Distribution(Checked, frozen=True, tag_field="dist"):
-    """A one-dimensional probability distribution.
+    """A one-dimensional probability distribution: one of `AnyDistribution`.
 
-    Each distribution gives `sample`, its root mean square `rms`, and the interval `support` that contains all values.
+    Each draws by ``sample(rng, size)`` so many values, shape (size,), or one, shape (). ``rms()`` is √E[X²], and
+    ``support()`` are the lowest and the highest value that can be drawn.
     """
-
-    def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:
-        """Draw ``size`` values, shape (size,), or one, shape ()."""
-        raise NotImplementedError
-
-    def rms(self) -> float:
-        """√E[X²]."""
-        raise NotImplementedError
-
-    def support(self) -> tuple[float, float]:
-        """Lowest and highest value that can be drawn."""
-        raise NotImplementedError
 
 
 class HalfNormal(Distribution, frozen=True, tag="half-normal"):
@@ -73,7 +62,7 @@ class Rayleigh(Distribution, frozen=True, tag="rayleigh"):
 
     def _beyond(self, high: float) -> float:
         """P(X > high) without truncation."""
-        return math.exp(-((high / self.scale) ** 2) / 2) if self.scale else 0.0
+        return math.exp(-((high / self.scale) ** 2) / 2) if high < 40 * self.scale else 0.0
 
     def sample(self, rng: np.random.Generator, size: int | None = None) -> Array:  # noqa: D102
         if self.high is None:
@@ -139,12 +128,14 @@ class Normal(Distribution, frozen=True, tag="normal"):
         if self.sd == 0:
             return abs(self.mean)
         a, b = ((bound - self.mean) / self.sd for bound in self.support())
+        if b - a < 1e-4:  # the density is even there, and the closed form would cancel
+            return Uniform(*self.support()).rms()
         below, above = self._mass()
         density_a, density_b = (math.exp(-z * z / 2) / math.sqrt(2 * math.pi) for z in (a, b))
         tail_a, tail_b = (z * d if math.isfinite(z) else 0.0 for z, d in ((a, density_a), (b, density_b)))
         first = (density_a - density_b) / (above - below)
         second = 1 + (tail_a - tail_b) / (above - below)
-        return math.sqrt(self.mean**2 + 2 * self.mean * self.sd * first + self.sd**2 * second)
+        return math.sqrt(max(self.mean**2 + 2 * self.mean * self.sd * first + self.sd**2 * second, 0.0))
 
     def support(self) -> tuple[float, float]:  # noqa: D102
         low = -math.inf if self.low is None else self.low

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -76,11 +75,7 @@ def half_turn(angle: float) -> float:
 class Labelled:
     """A frame with its truth, as arrays. Pixels are continuous; poses are in metres, in the jib frame."""
 
-    if TYPE_CHECKING:
-
-        @property
-        def truth(self) -> Truth:
-            """What is known of the frame."""
+    truth: Truth
 
     @property
     def box(self) -> Array | None:

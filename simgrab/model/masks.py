@@ -74,14 +74,9 @@ _Spans = dict[int, tuple[int, int]]  # first byte of a frame's mask in its file,
 
 
 class Masks:
-    """The masks in a dataset's COCO files.
+    """The masks in the COCO files of the dataset in a folder.
 
     Each file is read at the first request for a mask of its split; then only the place of each mask is kept.
-
-    Parameters
-    ----------
-    path : Path
-        Folder of the dataset.
     """
 
     def __init__(self, path: Path) -> None:
@@ -136,16 +131,14 @@ def _refusal(file: Path) -> Callable[[object], DatasetError]:
 
 
 def _check_runs(counts: str) -> None:
+    """Refuse a text with an incomplete last run, beyond which the COCO API reads."""
     if not _RUNS.fullmatch(counts):
         raise ValueError("its run lengths cannot be decoded")
 
 
 def _decoded(counts: str, height: int, width: int) -> NDArray[np.bool_]:
-    """Decode compressed run lengths that the COCO API wrote; raises ValueError if they do not fill the picture.
-
-    The API itself reads beyond a text with an incomplete last run, and leaves pixels after the last run undefined.
-    """
-    _check_runs(counts)
+    """Decode compressed run lengths that the COCO API wrote; raises ValueError if they do not fill the picture."""
+    _check_runs(counts)  # the API leaves pixels after the last run undefined
     mask = np.asarray(coco_mask.decode({"size": [height, width], "counts": counts.encode()}))
     if coco_mask.encode(np.asfortranarray(mask))["counts"] != counts.encode():
         raise ValueError("its run lengths do not fill the picture")

@@ -84,7 +84,7 @@ def load(
 
 
 def manifest(scene: str | Path) -> dict[str, Any] | None:
-    """Path of the manifest of a scenario; None if the scenario comes from a bundled scene or a TOML file."""
+    """Plain data of a manifest that names a scenario; None of a bundled scene or a TOML file."""
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     if path.suffix != ".json":
         return None
@@ -161,14 +161,6 @@ def _named(scene: Path, table: Mapping[str, Any], refuse: Refuse, within: Path |
     return file
 
 
-def with_copies(scenario: dict[str, Any], dataset: Path) -> dict[str, Any]:
-    """Find the models of a manifest's scenario, plain data, in its dataset; raises `ScenarioError` if they are not."""
-    found: dict[str, Any] = _with_models(
-        scenario, lambda table, refuse: _kind(table).read(_copy(dataset, table, refuse), refuse)
-    )
-    return found
-
-
 _READERS: dict[str, ModuleType] = {"mesh": models, "photo": photographs, "file": fonts}
 """Modules that read the file of a table, by its ``model``."""
 
@@ -179,10 +171,7 @@ def _kind(table: Mapping[str, Any]) -> ModuleType:
 
 
 def _with_models(data: Any, read: Callable[[Mapping[str, Any], Refuse], ModelFile], key: str = "") -> Any:
-    """Name models of grabs, photographs and fonts by file name and SHA-256, wherever a scene's plain data have a path.
-
-    ``read`` gives the model of a table.
-    """
+    """Name models, photographs and fonts by file name and SHA-256, wherever a scene's plain data have a path."""
     if key.count(".") > MOST_LEVELS:
         return data  # refused later
     if isinstance(data, Mapping):
@@ -235,11 +224,7 @@ def of_manifest(manifest: Any, where: str | Path, read: Callable[[str, int], byt
 def of_data(data: Mapping[str, Any], read: Callable[[Mapping[str, Any], Refuse], ModelFile]) -> Scenario:
     """Build a scenario from a scene's plain data, as in a file; missing keys have their defaults.
 
-    Parameters
-    ----------
-    data : mapping
-    read : callable
-        Gives the model of a table that names one, and refuses what may not be read.
+    ``read`` gives the model of a table that names one, and refuses what may not be read.
 
     Raises
     ------

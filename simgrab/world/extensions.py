@@ -84,34 +84,6 @@ class Extensions:
         functions = [{"role": role} | _identity(function) for role, function in given if function is not None]
         return {"functions": functions, "note": NOTE} if functions else None
 
-    def variant(self, scenario: Scenario, frame: int) -> Variant:
-        """Variant of a frame; see `simgrab.model.scenario.variant`.
-
-        Raises
-        ------
-        ScenarioError
-            If a drawn value is not valid.
-        ExtensionError
-            If the randomiser raises, or returns no mapping.
-        """
-        randomiser = self.randomiser
-        if randomiser is None:
-            return variant(scenario, frame)
-
-        def change(drawn: Scenario) -> Mapping[str, Any]:
-            rng = stream(scenario.seed, scenario.clip.of(frame), "randomiser")
-            found = _call("randomiser", randomiser, drawn, rng)
-            if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
-                raise ExtensionError(
-                    f"{_named('randomiser', randomiser)} must return a mapping from dotted keys to values"
-                )
-            fixed = next((key for key in found if f"{key}.".startswith("display.")), None)
-            if fixed is not None:
-                raise ScenarioError(fixed, "cannot vary by a randomiser: a dataset's readers take the scene's display")
-            return found
-
-        return variant(scenario, frame, change)
-
     def moment(self, scenario: Scenario, frame: int) -> Moment:
         """Moment of a frame by the user's trajectory.
 
@@ -218,8 +190,32 @@ class Recipe:
         return bool(self.scenario.vary) or self.extensions.randomiser is not None
 
     def variant(self, frame: int) -> Variant:
-        """Variant of a frame."""
-        return self.extensions.variant(self.scenario, frame)
+        """Variant of a frame; see `simgrab.model.scenario.variant`.
+
+        Raises
+        ------
+        ScenarioError
+            If a drawn value is not valid.
+        ExtensionError
+            If the randomiser raises, or returns no mapping.
+        """
+        randomiser = self.extensions.randomiser
+        if randomiser is None:
+            return variant(self.scenario, frame)
+
+        def change(drawn: Scenario) -> Mapping[str, Any]:
+            rng = stream(self.scenario.seed, self.scenario.clip.of(frame), "randomiser")
+            found = _call("randomiser", randomiser, drawn, rng)
+            if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
+                raise ExtensionError(
+                    f"{_named('randomiser', randomiser)} must return a mapping from dotted keys to values"
+                )
+            fixed = next((key for key in found if f"{key}.".startswith("display.")), None)
+            if fixed is not None:
+                raise ScenarioError(fixed, "cannot vary by a randomiser: a dataset's readers take the scene's display")
+            return found
+
+        return variant(self.scenario, frame, change)
 
     def variant_number(self, frame: int) -> int:
         """Index of a frame's variant; 0 for all frames if nothing varies."""
@@ -236,21 +232,20 @@ def _find(role: str, given: F | str) -> F:
     if not isinstance(given, str):
         raise ExtensionError(f"{role}: must be a function or the name of an entry point, got {type(given).__name__}")
     group = GROUPS[role]
-    points = list(entry_points(group=group))
-    found = {point.name: point for point in points}
-    same = [point.value for point in points if point.name == given]
-    if len(same) > 1:
-        raise ExtensionError(f"{role} {given!r} is offered twice, as {same[0]} and as {same[1]}")
-    if given not in found:
-        there = ", ".join(sorted(found)) or "none"
+    points = entry_points(group=group)
+    found = [point for point in points if point.name == given]
+    if not found:
+        there = ", ".join(sorted(points.names)) or "none"
         raise ExtensionError(f"no {role} {given!r} in the entry points {group}; installed: {there}")
+    if len(found) > 1:
+        raise ExtensionError(f"{role} {given!r} is offered twice, as {found[0].value} and as {found[1].value}")
     try:
-        loaded = found[given].load()
+        loaded = found[0].load()
     except Exception as problem:
         why = f"{type(problem).__name__}: {first_line(problem)}"
-        raise ExtensionError(f"{role} {given!r} ({found[given].value}) cannot be imported: {why}") from None
+        raise ExtensionError(f"{role} {given!r} ({found[0].value}) cannot be imported: {why}") from None
     if not callable(loaded):
-        raise ExtensionError(f"{role} {given!r} ({found[given].value}) is not a function")
+        raise ExtensionError(f"{role} {given!r} ({found[0].value}) is not a function")
     return loaded
 
 
@@ -270,10 +265,7 @@ def _named(role: str, function: Callable[..., Any]) -> str:
 
 
 def _identity(function: Callable[..., Any]) -> dict[str, Any]:
-    """Name of a function, and SHA-256 of its source file and of its state, if any: None if unknown.
-
-    A function at the top of a module has no state beyond its source; a partial, a method or an instance has.
-    """
+    """Name of a function, and SHA-256 of its source file and of its state, if any: None if unknown."""
     inner = function
     while hasattr(inner, "func"):  # functools.partial
         inner = inner.func
@@ -288,7 +280,7 @@ def _identity(function: Callable[..., Any]) -> dict[str, Any]:
         source = None
     digest = hashlib.sha256(source).hexdigest() if source is not None else None
     identity: dict[str, Any] = {"name": f"{module}:{defined.__qualname__}", "source_sha256": digest}
-    if inspect.isfunction(function) and "<" not in defined.__qualname__:  # neither lambda nor closure
+    if inspect.isfunction(function) and "<" not in defined.__qualname__:  # no lambda, closure, partial or instance
         return identity
     try:
         return identity | {"state_sha256": hashlib.sha256(pickled(function)).hexdigest()}

@@ -82,8 +82,11 @@ class FrameGenerator:
     recipe : Recipe or Scenario
     plan : Plan, optional
         Plan of the first variant, if it exists already.
-    projections : mapping of int to Projection, optional
-        Projections of frames that were projected already.
+
+    Attributes
+    ----------
+    projections : mapping of int to Projection
+        Projections of frames that were projected already; none unless set.
 
     Examples
     --------
@@ -92,11 +95,9 @@ class FrameGenerator:
     ...     frame = generator.frame(812)
     """
 
-    def __init__(
-        self, recipe: Recipe | Scenario, plan: Plan | None = None, projections: Mapping[int, Projection] | None = None
-    ) -> None:
+    def __init__(self, recipe: Recipe | Scenario, plan: Plan | None = None) -> None:
         self.recipe = recipe if isinstance(recipe, Recipe) else Recipe(recipe)
-        self.projections: Mapping[int, Projection] = projections or {}
+        self.projections: Mapping[int, Projection] = {}
         self._scene = self._build(0, plan) if plan else None
         self._revised = False
 
@@ -154,13 +155,7 @@ class FrameGenerator:
         return self.projections.get(frame) or self.scene(frame).project(frame)
 
     def frame(self, frame: int, *, full: bool = False) -> Frame:
-        """Make one frame.
-
-        Parameters
-        ----------
-        frame : int
-        full : bool
-            Whether to return ids and depth of the whole picture.
+        """Make one frame, with ``full`` also ids and depth of the whole picture.
 
         Raises
         ------

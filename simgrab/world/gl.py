@@ -75,7 +75,7 @@ def _backend(asked: str) -> str:
         if name == "osmesa" and _loads("libOSMesa.so.8"):
             return name
         # PyOpenGL wants a library of OpenGL beside EGL's.
-        if name == "egl" and (_loads("libOpenGL.so.0") or _loads("libGL.so.1")) and _has_egl_device():
+        if name == "egl" and (_loads("libOpenGL.so.0") or _loads("libGL.so.1")) and _egl_devices()[0]:
             return "disabled" if _old_pyopengl() else name
     return "disabled"
 
@@ -117,13 +117,8 @@ def gpus() -> list[int]:
     return [number for number, text in enumerate(texts) if b"EGL_MESA_device_software" not in text]
 
 
-def _has_egl_device() -> bool:
-    """Whether EGL lists a device. Debian's libegl1 alone, without Mesa's driver, lists none."""
-    return bool(_egl_devices()[0])
-
-
 def _egl_devices() -> tuple[list[int], Any]:
-    """Return the handles of EGL's devices, and the library."""
+    """Return the handles of EGL's devices, and the library; without Mesa's driver, Debian's libegl1 lists none."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:
@@ -205,10 +200,8 @@ def _loaded(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.MjrC
 
 @contextmanager
 def _out_of_memory_raises() -> Iterator[None]:
-    """Raise an error if MuJoCo warns that OpenGL lacks memory for a model: rendering it could crash the process.
-
-    Its other warnings are logged, and not written to a file in the working folder.
-    """
+    """Raise an error if MuJoCo warns that OpenGL lacks memory for a model: rendering it could crash the process."""
+    # Its other warnings are logged, and not written to a file in the working folder.
     import mujoco
 
     warnings: list[str] = []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,13 +23,7 @@ ROPE_TOLERANCE_M = 1.0  # but for a rope over a termination: the one that ends t
 def label(variant: Variant, buffers: Buffers, attenuation: NDArray[np.float32] | None = None) -> Truth:
     """Compose the truth of one frame.
 
-    Parameters
-    ----------
-    variant : Variant
-        Variant of the frame.
-    buffers : Buffers
-    attenuation : ndarray of float32, shape (height, width), optional
-        Share of the scene's light that weather keeps from the camera; none in clear air.
+    ``attenuation`` (height, width) is the share of the scene's light that weather keeps from the camera.
     """
     projection, visibility = buffers.projection, buffers.visibility
     scenario, moment = variant.scenario, projection.moment
@@ -70,11 +66,7 @@ def label(variant: Variant, buffers: Buffers, attenuation: NDArray[np.float32] |
         fy_px=k.f_px,
         cx_px=k.cx_px,
         cy_px=k.cy_px,
-        k1=k.distortion.k1,
-        k2=k.distortion.k2,
-        p1=k.distortion.p1,
-        p2=k.distortion.p2,
-        k3=k.distortion.k3,
+        **asdict(k.distortion),
         jib_from_camera=_floats(camera_pose),
         jib_from_grab=_floats(state.jib_from_grab.as_matrix()[:3]),
         grab_u_px=_number(pixel[0]),

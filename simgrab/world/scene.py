@@ -18,26 +18,9 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 
 class Scene:
-    """The world, renderer and camera of one variant. It owns an OpenGL context: close it.
+    """The world, renderer, camera and trajectory of one variant. It owns an OpenGL context: close it.
 
-    Parameters
-    ----------
-    variant : Variant
-    extensions : Extensions
-    plan : Plan, optional
-        Plan of the same variant, if it exists already.
-
-    Attributes
-    ----------
-    variant : Variant
-    scenario : Scenario
-        Scenario of the variant.
-    world : World
-    renderer : Renderer
-    camera : Camera
-    trajectory : Trajectory
-    close : callable
-        Frees the OpenGL context.
+    A plan of the same variant is taken over if it exists already.
     """
 
     def __init__(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:
@@ -45,7 +28,7 @@ class Scene:
         plan = plan or draw_up(self.scenario, variant.draws)
         self.world = model.build(self.scenario, plan)
         self.renderer = Renderer(self.world, self.scenario)
-        self.close: Callable[[], None] = self.renderer.close
+        self.close: Callable[[], None] = self.renderer.close  # frees the OpenGL context
         self.camera = Camera(self.scenario)
         self.trajectory = Trajectory(self.scenario, extensions, plan)
         self._metered: tuple[int, Exposure] | None = None
@@ -77,15 +60,9 @@ class Scene:
         return project(self.scenario, self.world.plan, self.trajectory.at(frame))
 
     def draw(self, projection: Projection, *, full: bool = False, labelled: bool = True) -> Buffers:
-        """Render a frame's buffers.
+        """Render a frame's buffers, with ``full`` also ids and depth of the whole picture at the resolution of labels.
 
-        Parameters
-        ----------
-        projection : Projection
-        full : bool
-            Whether to render ids and depth of the whole picture at the resolution of labels.
-        labelled : bool
-            Whether the frame gets labels, which need the grab's visibility.
+        Only a frame that gets labels needs the grab's visibility.
         """
         renderer, moment = self.renderer, projection.moment
         stored = self.scenario.image.stores_buffers  # the scenario alone decides what labels and effects are made of

@@ -2,6 +2,7 @@ import re
 
 import numpy as np
 import pytest
+from equations import eq1_residual, eq2_cos_alpha
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,7 +11,6 @@ from simgrab.lab.paper.law import AXIS_DIRECTION, camera, draw
 from simgrab.lab.paper.paper import PaperSettings
 from simgrab.lab.paper.run import run
 from simgrab.lab.paper.table import INCONSISTENT, rows
-from simgrab.model.geometry import eq1_residual, eq2_cos_alpha
 
 SMALL = PaperSettings(replications=60, frames=(50, 200, 800), starts_deg=(0, 5, 9, 10, 12))
 

@@ -14,7 +14,8 @@ from simgrab.lab.rivals.balls import balls, meet, tysse
 from simgrab.lab.rivals.contract import Series
 from simgrab.lab.rivals.ropes import okubanjo, rope_lines, rope_plane
 from simgrab.lab.rivals.side import SideView, read_view
-from simgrab.model.geometry import STANDARD_GRAVITY, rotation_y
+from simgrab.model import geometry
+from simgrab.model.geometry import STANDARD_GRAVITY
 
 SIZE, FOCAL = (360, 640), 600.0
 LEVEL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # jib frame from a camera that looks outboard
@@ -121,9 +122,9 @@ def test_three_cameras_recover_a_swing_from_balls(three):
 
 @pytest.mark.parametrize(("method", "cameras"), [(okubanjo, "pair"), (tysse, "three")])
 def test_a_lean_of_the_crane_is_taken_for_swing(method, cameras, request):
-    lean = rotation_y(np.radians(2.0))
+    turn = geometry.lean(-np.radians(2.0), 0.0)
     views = request.getfixturevalue(cameras)
-    leaning = [replace(view, rotation=lean @ view.rotation, centre=lean @ view.centre) for view in views]
+    leaning = [replace(view, rotation=turn @ view.rotation, centre=turn @ view.centre) for view in views]
     assert rmse(method(leaning, ROPE, TIME)) > 0.5  # the filter's pendulum hangs straight and takes part of it away
 
 

@@ -21,7 +21,7 @@ def machine(monkeypatch):
     """A machine with EGL and OSMesa, of which a test takes away."""
     there = {"egl", *LIBRARIES}
     monkeypatch.setattr(gl, "_loads", lambda library: library in there)
-    monkeypatch.setattr(gl, "_has_egl_device", lambda: "egl" in there)
+    monkeypatch.setattr(gl, "_egl_devices", lambda: (["egl"] if "egl" in there else [], None))
     for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID"):
         monkeypatch.setenv(name, "")
     return there

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from conftest import small_scene
 
-from simgrab.errors import ScenarioError
 from simgrab.model.geometry import camera_rotation
 from simgrab.model.scenario import Light
 from simgrab.world.camera.lamps import REFERENCE_M, illumination
@@ -31,10 +30,3 @@ def test_the_beam_falls_off_to_the_side_and_without_floodlights_only_the_sky_is_
     assert picture[135, 5] < 0.75 * middle(picture)
     np.testing.assert_allclose(picture[:, ::-1], picture, rtol=1e-3)
     np.testing.assert_allclose(lit(20.0, Light(sun=0.0, sky=0.1)), 0.1)
-
-
-def test_contradictory_lights_are_refused():
-    with pytest.raises(ScenarioError, match="must not all be 0"):
-        small_scene(light={"sun": 0.0, "sky": 0.0, "floodlights": 0.0})
-    with pytest.raises(ScenarioError, match="for the night"):
-        small_scene(light={"floodlights": 0.3})

@@ -88,9 +88,3 @@ def test_pictures_of_plates():
     points = mark_points(AprilTag(size_m=0.6, position_m=(1.0, 0.5, 0.1)), 1.64)
     np.testing.assert_allclose(points[0], (1.3, 0.8, 1.74))
     assert mark_points(Circles(size_m=2.0), 0.0)[0, 0] == pytest.approx(1.5)
-
-
-def test_a_scenario_without_marks_is_written_as_ever():
-    assert "markers" not in Scenario().to_dict()
-    assert Scenario(markers=Markers()).digest() == Scenario().digest()
-    assert Scenario(markers=Markers(target=Target())).digest() != Scenario().digest()

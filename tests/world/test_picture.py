@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from conftest import SMALL, slow_but, small_scene
 
+import simgrab
 from simgrab.dataset import stored
 from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
@@ -64,15 +65,10 @@ def test_a_lagging_exposure_depends_on_the_clip_and_not_on_who_asks():
 
 
 def test_night_is_dark_but_where_the_lamps_shine():
-    night = {"light": {"sun": 0.0, "sky": 0.02, "floodlights": 0.3}}
-    scene = small_scene(swing__rope_length_m={"dist": "constant", "value": 10.0}, swing__alpha__sigma_deg=0.0)
-    with FrameGenerator(scene) as generator:
-        day = generator.frame(0).rgb.astype(float)
-    with FrameGenerator(scenes.load("quay-day", SMALL_CAMERA | {"place": {"model": "plain"}} | night | {
-        "swing.rope_length_m": {"dist": "constant", "value": 10.0}, "swing.alpha.sigma_deg": 0.0,
-    })) as generator:  # fmt: skip
-        drawn = generator.frame(0)
-    dark = drawn.rgb.astype(float)
+    still = {"swing__rope_length_m": {"dist": "constant", "value": 10.0}, "swing__alpha__sigma_deg": 0.0}
+    scenes = small_scene(**still), small_scene(**still, light={"sun": 0.0, "sky": 0.02, "floodlights": 0.3})
+    day, drawn = (next(simgrab.frames(scene)) for scene in scenes)
+    day, dark = day.rgb.astype(float), drawn.rgb.astype(float)
     x0, y0, x1, y1 = drawn.box.astype(int)
     assert dark[:, :40].mean() < 0.5 * day[:, :40].mean()
     assert dark[y0:y1, x0:x1].mean() / dark[:, :40].mean() > 1.5 * day[y0:y1, x0:x1].mean() / day[:, :40].mean()

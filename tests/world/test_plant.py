@@ -9,10 +9,9 @@ from conftest import small_scene
 from scipy import linalg
 from scipy.spatial.transform import Rotation
 
-from simgrab.errors import ScenarioError
 from simgrab.model import geometry
 from simgrab.model.geometry import STANDARD_GRAVITY
-from simgrab.model.scenario import DoublePendulum, FourRopes, Jib, OneBody, Scenario
+from simgrab.model.scenario import FourRopes, Jib
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.scenery.meshes.ropes import Ropes
 from simgrab.world.trajectory.clip import ClipMotion
@@ -275,11 +274,3 @@ def test_between_two_moments_the_head_leans_between():
     ahead = replace(moments[1], time=0.02, jib=jib)
     middle = replace(moments[0], time=0.0, jib=jib, ahead=ahead).shifted(0.01)
     assert middle.grab.head == pytest.approx((0.01, 0.0))
-
-
-def test_a_scenario_on_the_usual_suspension_is_written_as_ever():
-    assert "suspension" not in Scenario().to_dict()
-    assert Scenario(suspension=OneBody()).digest() == Scenario().digest()
-    assert Scenario(suspension=FourRopes()).digest() != Scenario().digest()
-    with pytest.raises(ScenarioError, match="independent frames cannot have it"):
-        Scenario(suspension=DoublePendulum())

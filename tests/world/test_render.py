@@ -145,15 +145,6 @@ def test_masses(generator):
     assert generator.scene(0).world.model.body("head").subtreemass[0] == pytest.approx(10_500, abs=1)
 
 
-def test_rgb_repeats(generator):
-    renderer, (third, other) = generator.scene(3).renderer, (generator.project(frame).moment for frame in (3, 1))
-    first = renderer.rgb(third)
-    renderer.view(other)
-    assert np.array_equal(first, renderer.rgb(third))  # whatever was rendered in between
-    assert first.shape == (270, 480, 3)
-    assert 40 < first.mean() < 200
-
-
 def test_no_opengl_says_what_to_install(monkeypatch, scene):
     from simgrab.errors import RendererError
 

@@ -153,7 +153,7 @@ def test_a_pyopengl_too_old_for_mujoco_is_named(monkeypatch, backend):
 
     monkeypatch.setenv("MUJOCO_GL", backend)
     monkeypatch.setattr(gl, "version", lambda _: "3.1.0")
-    monkeypatch.setattr(gl, "_has_egl_device", lambda: True)
+    monkeypatch.setattr(gl, "_egl_devices", lambda: ([1], None))
     monkeypatch.setattr(gl, "_loads", lambda _: True)
     assert gl.choose() == "disabled"
     too_old = pytest.raises(RendererError, match=r"PyOpenGL 3\.1\.0.*pip install 'PyOpenGL>=")

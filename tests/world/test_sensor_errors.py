@@ -1,18 +1,16 @@
 """What errors do to readings: the law of their noise, their keys, clocks, limits and counts."""
 
-import functools
 import math
 
 import numpy as np
 import pytest
+from test_sensors import near, scene
 
 import simgrab
 from simgrab.errors import ScenarioError
 from simgrab.model import scenes
 from simgrab.model.scenario import IMU_CLASSES, ImuNoise, variant
 from simgrab.world.sensors.errors import SensorClock, SensorErrors, streams
-
-near = functools.partial(np.testing.assert_allclose, rtol=0)
 
 
 def triad(seed=0, clip=0, name="imu0", **changes):
@@ -43,9 +41,8 @@ def test_the_allan_deviation_is_what_was_set(name, kind):
 
 def test_a_recorded_imu_has_the_noise_of_its_class_at_its_rate():
     """Over 30 s of standstill, with bias and scale taken off: only noise and counts are left."""
-    still = {"swing": {"model": "dynamic", "work": {"model": "hang"}}, "frames": 270, "display.layout": "none"}
-    scene = scenes.load("quay-day", still | {"sensors.imu0": {"model": "imu", "mount": "rope"}})
-    read = simgrab.sensors(scene)["imu0"]
+    still = scene({"swing.work": {"model": "hang"}}, frames=270, imu0={"model": "imu", "mount": "rope"})
+    read = simgrab.sensors(still)["imu0"]
     errors = IMU_CLASSES["adis16448"]
     white = read.values - read.truth[:, 7:13] - read.truth[:, 1:7]
     counts = np.array([math.radians(errors.gyroscope_resolution_deg_s), errors.accelerometer_resolution_m_s2])
@@ -79,11 +76,9 @@ def test_every_seed_clip_and_name_has_errors_of_its_own():
 
 
 def test_a_sensor_more_changes_no_other():
-    changes = {"swing": {"model": "dynamic"}, "frames": 9, "display.layout": "none"}
-    imu = {"sensors.imu0": {"model": "imu", "mount": "rope"}}
-    alone = simgrab.sensors(scenes.load("quay-day", changes | imu))["imu0"]
-    more = imu | {"sensors.a": {"model": "inclinometer", "mount": "camera"}, "sensors.z": {"model": "hoist-encoder"}}
-    among = simgrab.sensors(scenes.load("quay-day", changes | more))["imu0"]
+    imu = {"imu0": {"model": "imu", "mount": "rope"}}
+    more = imu | {"a": {"model": "inclinometer", "mount": "camera"}, "z": {"model": "hoist-encoder"}}
+    alone, among = (simgrab.sensors(scene({}, frames=9, **sensors))["imu0"] for sensors in (imu, more))
     for name in ("stamp_ns", "values", "truth"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(among, name))
 
@@ -125,11 +120,10 @@ def test_clocks_are_drawn_with_the_spread_that_was_set():
 
 
 def test_a_recording_samples_the_whole_clip_once():
-    changes = {"swing": {"model": "dynamic"}, "frames": 400, "clip.clip_frames": 250, "display.layout": "none"}
-    noise = {"clock_drift_ppm": 1000.0, "clock_offset_ms": 30.0}
-    scene = scenes.load("quay-day", changes | {"sensors.imu0": {"model": "imu", "mount": "rope", "noise": noise}})
+    imu = {"model": "imu", "mount": "rope", "noise": {"clock_drift_ppm": 1000.0, "clock_offset_ms": 30.0}}
+    clips = scene({"clip.clip_frames": 250}, frames=400, imu0=imu)
     for clip, seconds in ((0, 250 / 9), (-1, 150 / 9)):  # the first is longer than a block of physics
-        read = simgrab.sensors(scene, clip)["imu0"]
+        read = simgrab.sensors(clips, clip)["imu0"]
         time, drift = read.true("time [s]"), 1 - 0.005 / np.diff(read.true("time [s]"))
         assert time[0] == 0
         assert seconds - 0.0051 < time[-1] < seconds
@@ -137,7 +131,7 @@ def test_a_recording_samples_the_whole_clip_once():
         assert np.ptp(drift) < 1e-9
         assert 1e-5 < abs(drift[0]) < 4e-3
     with pytest.raises(IndexError, match="clip 2 is out of range: the scenario has 2 clips"):
-        simgrab.sensors(scene, 2)
+        simgrab.sensors(clips, 2)
 
 
 def test_each_clip_has_the_motion_of_its_own_draw():

@@ -14,7 +14,6 @@ import simgrab
 from simgrab.errors import ScenarioError
 from simgrab.model import geometry, scenes
 from simgrab.model.geometry import STANDARD_GRAVITY
-from simgrab.model.scenario import Scenario
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.sensors import table
 from simgrab.world.sensors.motion import motions
@@ -283,14 +282,6 @@ def test_a_controller_stamps_late_and_loses_stretches():
     assert 0.1 < 1 - len(np.unique(piece)) / len(whole) < 0.6
     assert (np.diff(read["loses"].stamp_ns) > 0).all()
     assert np.std(read["loses"].stamp_ns / 1e9 - time) > 0.03
-
-
-def test_a_scenario_without_sensors_is_written_as_ever():
-    assert "sensors" not in Scenario().to_dict()
-    assert scene({}).digest() == scene({"sensors": {}}).digest()
-    with_one = scene({}, imu0={"model": "imu", "mount": "grab"})
-    assert with_one.digest() != scene({}).digest()
-    assert scenes.of_manifest({"scenario": with_one.to_dict()}, "", lambda *_: b"") == with_one
 
 
 def test_a_scene_imports_no_sensor_that_it_has_not(monkeypatch):

@@ -4,7 +4,6 @@ from conftest import small_scene
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simgrab.errors import ScenarioError
 from simgrab.model.geometry import to_camera
 from simgrab.world.camera.optics.light import to_linear
 from simgrab.world.camera.shutter import MOST_INSTANTS, instants, row_time, row_weights
@@ -110,11 +109,6 @@ def test_labels_are_of_the_instant_at_which_the_grabs_row_exposes():
     assert abs(delay) > 1e-3
     still = draw(swinging(), 13).moment
     assert np.linalg.norm(grab_px(scene, aimed) - grab_px(scene, still)) > 0.5
-
-
-def test_a_shutter_longer_than_a_frame_is_refused():
-    with pytest.raises(ScenarioError, match="longer than a frame"):
-        swinging(shutter__exposure_s=0.2)
 
 
 def test_a_moment_goes_along_its_way():

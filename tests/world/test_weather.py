@@ -2,9 +2,9 @@ from dataclasses import replace
 from functools import partial
 
 import cv2
-import msgspec
 import numpy as np
 import pytest
+from test_row_blocks import by_threads
 
 from simgrab.model import geometry
 from simgrab.model.geometry import Distortion, Intrinsics, Pose
@@ -80,14 +80,7 @@ def test_repeatable_input_unchanged_new_in_every_frame(name):
 def test_bytes_do_not_depend_on_threads():
     seen = render_pass(0.05, intrinsics=Intrinsics(960, 540, 822.0, 480.0, 270.0))
     everything = {key: value for settings in SETTINGS.values() for key, value in settings.items() if key != "rain_mm_h"}
-    threads, pictures = cv2.getNumThreads(), []
-    try:
-        for n in (1, 2, 5):
-            cv2.setNumThreads(n)
-            pictures.append(weathered(seen, **everything).light.tobytes())
-    finally:
-        cv2.setNumThreads(threads)
-    assert len(set(pictures)) == 1
+    assert len(set(by_threads(lambda: weathered(seen, **everything).light.tobytes()))) == 1
 
 
 @pytest.mark.parametrize("lens", [Distortion(), Distortion(-0.25, 0.06)])
@@ -309,12 +302,3 @@ def test_the_glass_stays_as_it_is_for_a_clip(settings):
     first, later, other = (glass(frame=f, clip=clip).attenuation for f, clip in ((0, 0), (9, 0), (9, 1)))
     assert np.array_equal(first, later)
     assert not np.array_equal(later, other)
-
-
-@pytest.mark.parametrize(("settings", "reason"), [
-    ({"rain_mm_h": 5.0, "snow_mm_h": 4.0}, "heavy snow falls without rain"), ({"fog": 1.0}, "fog"),
-    ({"lens_dirt": 0.7, "lens_snow": 0.5}, "cover the same glass"), ({"wetness": 1.5}, "wetness"),
-])  # fmt: skip
-def test_impossible_weather_is_refused_with_the_reason(settings, reason):
-    with pytest.raises(msgspec.ValidationError, match=reason):
-        msgspec.convert(settings, Weather)

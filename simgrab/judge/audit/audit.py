@@ -22,7 +22,6 @@ from simgrab.errors import DatasetError, PictureError, SimgrabError
 from simgrab.io import pictures
 from simgrab.io.files import is_visible
 from simgrab.io.parse import parse_json, read_json
-from simgrab.io.strict import convert
 from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
 from simgrab.model import scenes
@@ -124,8 +123,8 @@ def _read(path: Path) -> _Dataset:
         raise DatasetError(f"{path} holds {'an unfinished' if unfinished else 'no'} simgrab dataset")
     known = read_json(path / MANIFEST, DatasetError)
     try:
-        scenario = convert(scenes.with_copies(known["scenario"], path), Scenario)
-    except (ValueError, KeyError, TypeError, AttributeError, SimgrabError) as problem:
+        scenario = scenes.load(path / MANIFEST)
+    except SimgrabError as problem:
         raise DatasetError(f"{path / MANIFEST}: not a simgrab manifest ({problem})") from None
     rows, schema, _ = frame_files.read_rows(path, Row)
     return _Dataset(path, known, scenario, schema, rows)

@@ -10,7 +10,7 @@ import numpy as np
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.lab.paper.law import camera, draw
 from simgrab.lab.paper.paper import PaperStudy
-from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array, focal_length_px, pixels_per_mm
+from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array, pixels_per_mm
 
 
 class TableRow(NamedTuple):
@@ -47,7 +47,7 @@ def rows(study: PaperStudy) -> list[TableRow]:
 def _of_section_4_3(study: PaperStudy) -> Iterator[tuple[str, ...]]:
     density = pixels_per_mm(1920, 1080, 6.43)
     yield "4.3", "pixel density d0 (px/mm)", "342.67", f"{density:.2f}", "the printed figure is kept as the preset"
-    h, other = (focal_length_px(PAPER_FOCAL_LENGTH_MM, d) for d in (PAPER_PIXELS_PER_MM, density))
+    h, other = (PAPER_FOCAL_LENGTH_MM * d for d in (PAPER_PIXELS_PER_MM, density))
     yield "4.3", "focal length h (px)", "1644.82", f"{h:.2f}", f"{other:.2f} with the density above"
     expected, mean = (f"{cos:.6f}" for cos in (study.expected_cos, study.mean_cos))
     yield "4.3", "eq (3): E[h/√(m²+h²)]", expected, mean, "cosβ·exp(−σ²/2)"

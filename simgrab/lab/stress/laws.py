@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from simgrab.model.distributions import Distribution, Exponential, HalfNormal, Rayleigh
+from simgrab.model.distributions import AnyDistribution, Exponential, HalfNormal, Rayleigh
 from simgrab.model.geometry import Array
 
 
@@ -32,7 +32,7 @@ class Law:
     kurtosis: float = math.nan
 
 
-def of(distribution: Distribution, kurtosis: float = math.nan) -> Law:
+def of(distribution: AnyDistribution, kurtosis: float = math.nan) -> Law:
     """Make a law of a scenario's distribution."""
     return Law(distribution.sample, distribution.rms(), kurtosis)
 

@@ -153,7 +153,9 @@ class Intrinsics:
 
     def rays(self, pixels: ArrayLike) -> Array:
         """Return unit rays (..., 3), camera frame, through pixels (..., 2) as the picture has them."""
-        return self._through(self.distortion.remove(self._from_pixels(pixels)))
+        xy = self.distortion.remove(self._from_pixels(pixels))
+        ray = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+        return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
 
     def undistorted_centres(self) -> Array:
         """Ideal pixels of all pixels' centres, shape (height, width, 2); NaN beyond the fold of the lens."""
@@ -162,11 +164,6 @@ class Intrinsics:
     def normalised_centres(self) -> Array:
         """Undistorted (x, y) at unit depth of all pixels' centres, shape (height, width, 2); NaN beyond the fold."""
         return _normalised_centres(self)
-
-    @staticmethod
-    def _through(xy: Array) -> Array:
-        ray = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
-        return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
 
     def polar(self, ideal_pixels: ArrayLike, axis: ArrayLike = 0.0) -> tuple[Array, Array]:
         """Polar coordinates (m, θ) of ideal pixels (..., 2) about the principal point.
@@ -222,11 +219,6 @@ def _normalised_centres(intrinsics: Intrinsics) -> Array:
     found[rows:] = found[: h - rows][::-1] * (1, -1)
     found.setflags(write=False)
     return found
-
-
-def focal_length_px(focal_length_mm: float, pixels_per_mm: float) -> float:
-    """Focal length in pixels from the lens; the paper's 4.8 mm at 342.67 px/mm give h = 1644.82 px."""
-    return focal_length_mm * pixels_per_mm
 
 
 def pixels_per_mm(width_px: int, height_px: int, sensor_diagonal_mm: float) -> float:

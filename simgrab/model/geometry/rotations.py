@@ -20,13 +20,6 @@ def rotation_z(angle: ArrayLike) -> Array:
     return np.stack([c, -s, o, s, c, o, o, o, i], axis=-1).reshape(*c.shape, 3, 3)
 
 
-def rotation_y(angle: ArrayLike) -> Array:
-    """Rotation about y, shape (..., 3, 3)."""
-    c, s = np.cos(np.asarray(angle, float)), np.sin(np.asarray(angle, float))
-    o, i = np.zeros_like(c), np.ones_like(c)
-    return np.stack([c, o, s, o, i, o, -s, o, c], axis=-1).reshape(*c.shape, 3, 3)
-
-
 def lean(angle: ArrayLike, azimuth: ArrayLike) -> Array:
     """Lean the downward vertical by ``angle`` towards ``azimuth`` φ: Rz(φ)·Ry(−angle)·Rz(−φ), shape (..., 3, 3)."""
     a, p = np.broadcast_arrays(np.asarray(angle, float), np.asarray(azimuth, float))

@@ -187,17 +187,7 @@ def _check_order(path: Path, rows: Sequence[PictureRow]) -> None:
 
 
 def picture(file: Path, row: PictureRow) -> NDArray[np.uint8]:
-    """Decode the picture of a row after checking its SHA-256.
-
-    Parameters
-    ----------
-    file : Path
-    row : PictureRow
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        RGB.
+    """Decode the picture of a row after checking its SHA-256: RGB, uint8, shape (height, width, 3).
 
     Raises
     ------

@@ -1,149 +1,91 @@
 """A scenario: everything that can change a number or a pixel, as frozen typed structs."""
 
-from simgrab.model.scenario.base import Cargo, Share, Strict, Tagged
-from simgrab.model.scenario.camera import (
-    Camera,
-    FixedMount,
-    Lens,
-    LensFocal,
-    LevelledMount,
-    PixelFocal,
-    RigidMount,
-    SensorFocal,
-    Vibration,
-)
-from simgrab.model.scenario.factor import Factor, OneOf
-from simgrab.model.scenario.font import BundledFont, Font, FontFile, GeneratedFont, Ink
-from simgrab.model.scenario.grab import Assembled, Clamshell, FourRope, Grab, Jaw, Mesh, OrangePeel, Scissors
-from simgrab.model.scenario.markers import AprilTag, Balls, Circles, Markers, Target
-from simgrab.model.scenario.optics import AutoExposure, FixedExposure, Optics, Sensor, Sharpening
-from simgrab.model.scenario.output import Clip, Display, Image, Labels, Shutter, Splits
-from simgrab.model.scenario.sensors import (
-    IMU_CLASSES,
-    Controller,
-    HoistEncoder,
-    Imu,
-    ImuNoise,
-    Inclinometer,
-    Lidar,
-    LuffEncoder,
-    MotionSensor,
-    SideCamera,
-    SlewEncoder,
-)
-from simgrab.model.scenario.size import resized
-from simgrab.model.scenario.surroundings import Clutter, Hold, Jib, Light, Photo, Place, Plain, Quay, RandomPlace, Water
-from simgrab.model.scenario.suspension import DoublePendulum, FourRopes, OneBody, Suspension, Waves
-from simgrab.model.scenario.swing import (
-    CLAMPABLE,
-    MOST_ALPHA_DEG,
-    ROPE_LENGTH_RANGE_M,
-    Alpha,
-    Clampable,
-    Cycles,
-    Dynamic,
-    Forcing,
-    Hang,
-    Iid,
-    Start,
-    Turn,
-    Wind,
-)
-from simgrab.model.scenario.vary import Draws, Variant, variant, variants
-from simgrab.model.scenario.weather import Weather
-from simgrab.model.scenario.whole import Scenario, merged, schema
-
-__all__ = [
-    "CLAMPABLE",
-    "IMU_CLASSES",
-    "MOST_ALPHA_DEG",
-    "ROPE_LENGTH_RANGE_M",
-    "Alpha",
-    "AprilTag",
-    "Assembled",
-    "AutoExposure",
-    "Balls",
-    "BundledFont",
-    "Camera",
-    "Cargo",
-    "Circles",
-    "Clampable",
-    "Clamshell",
-    "Clip",
-    "Clutter",
-    "Controller",
-    "Cycles",
-    "Display",
-    "DoublePendulum",
-    "Draws",
-    "Dynamic",
-    "Factor",
-    "FixedExposure",
-    "FixedMount",
-    "Font",
-    "FontFile",
-    "Forcing",
-    "FourRope",
-    "FourRopes",
-    "GeneratedFont",
-    "Grab",
-    "Hang",
-    "HoistEncoder",
-    "Hold",
-    "Iid",
-    "Image",
-    "Imu",
-    "ImuNoise",
-    "Inclinometer",
-    "Ink",
-    "Jaw",
-    "Jib",
-    "Labels",
-    "Lens",
-    "LensFocal",
-    "LevelledMount",
-    "Lidar",
-    "Light",
-    "LuffEncoder",
-    "Markers",
-    "Mesh",
-    "MotionSensor",
-    "OneBody",
-    "OneOf",
-    "Optics",
-    "OrangePeel",
-    "Photo",
-    "PixelFocal",
-    "Place",
-    "Plain",
-    "Quay",
-    "RandomPlace",
-    "RigidMount",
-    "Scenario",
-    "Scissors",
-    "Sensor",
-    "SensorFocal",
-    "Share",
-    "Sharpening",
-    "Shutter",
-    "SideCamera",
-    "SlewEncoder",
-    "Splits",
-    "Start",
-    "Strict",
-    "Suspension",
-    "Tagged",
-    "Target",
-    "Turn",
-    "Variant",
-    "Vibration",
-    "Water",
-    "Waves",
-    "Weather",
-    "Wind",
-    "merged",
-    "resized",
-    "schema",
-    "variant",
-    "variants",
-]
+from simgrab.model.scenario.base import Cargo as Cargo
+from simgrab.model.scenario.camera import Camera as Camera
+from simgrab.model.scenario.camera import FixedMount as FixedMount
+from simgrab.model.scenario.camera import Lens as Lens
+from simgrab.model.scenario.camera import LensFocal as LensFocal
+from simgrab.model.scenario.camera import LevelledMount as LevelledMount
+from simgrab.model.scenario.camera import PixelFocal as PixelFocal
+from simgrab.model.scenario.camera import RigidMount as RigidMount
+from simgrab.model.scenario.camera import SensorFocal as SensorFocal
+from simgrab.model.scenario.camera import Vibration as Vibration
+from simgrab.model.scenario.factor import Factor as Factor
+from simgrab.model.scenario.factor import OneOf as OneOf
+from simgrab.model.scenario.font import BundledFont as BundledFont
+from simgrab.model.scenario.font import Font as Font
+from simgrab.model.scenario.font import FontFile as FontFile
+from simgrab.model.scenario.font import GeneratedFont as GeneratedFont
+from simgrab.model.scenario.font import Ink as Ink
+from simgrab.model.scenario.grab import Assembled as Assembled
+from simgrab.model.scenario.grab import Clamshell as Clamshell
+from simgrab.model.scenario.grab import FourRope as FourRope
+from simgrab.model.scenario.grab import Grab as Grab
+from simgrab.model.scenario.grab import Jaw as Jaw
+from simgrab.model.scenario.grab import Mesh as Mesh
+from simgrab.model.scenario.grab import OrangePeel as OrangePeel
+from simgrab.model.scenario.grab import Scissors as Scissors
+from simgrab.model.scenario.markers import AprilTag as AprilTag
+from simgrab.model.scenario.markers import Balls as Balls
+from simgrab.model.scenario.markers import Circles as Circles
+from simgrab.model.scenario.markers import Markers as Markers
+from simgrab.model.scenario.markers import Target as Target
+from simgrab.model.scenario.optics import AutoExposure as AutoExposure
+from simgrab.model.scenario.optics import FixedExposure as FixedExposure
+from simgrab.model.scenario.optics import Optics as Optics
+from simgrab.model.scenario.optics import Sensor as Sensor
+from simgrab.model.scenario.optics import Sharpening as Sharpening
+from simgrab.model.scenario.output import Clip as Clip
+from simgrab.model.scenario.output import Display as Display
+from simgrab.model.scenario.output import Image as Image
+from simgrab.model.scenario.output import Labels as Labels
+from simgrab.model.scenario.output import Shutter as Shutter
+from simgrab.model.scenario.output import Splits as Splits
+from simgrab.model.scenario.sensors import IMU_CLASSES as IMU_CLASSES
+from simgrab.model.scenario.sensors import Controller as Controller
+from simgrab.model.scenario.sensors import HoistEncoder as HoistEncoder
+from simgrab.model.scenario.sensors import Imu as Imu
+from simgrab.model.scenario.sensors import ImuNoise as ImuNoise
+from simgrab.model.scenario.sensors import Inclinometer as Inclinometer
+from simgrab.model.scenario.sensors import Lidar as Lidar
+from simgrab.model.scenario.sensors import LuffEncoder as LuffEncoder
+from simgrab.model.scenario.sensors import MotionSensor as MotionSensor
+from simgrab.model.scenario.sensors import SideCamera as SideCamera
+from simgrab.model.scenario.sensors import SlewEncoder as SlewEncoder
+from simgrab.model.scenario.size import resized as resized
+from simgrab.model.scenario.surroundings import Clutter as Clutter
+from simgrab.model.scenario.surroundings import Hold as Hold
+from simgrab.model.scenario.surroundings import Jib as Jib
+from simgrab.model.scenario.surroundings import Light as Light
+from simgrab.model.scenario.surroundings import Photo as Photo
+from simgrab.model.scenario.surroundings import Place as Place
+from simgrab.model.scenario.surroundings import Plain as Plain
+from simgrab.model.scenario.surroundings import Quay as Quay
+from simgrab.model.scenario.surroundings import RandomPlace as RandomPlace
+from simgrab.model.scenario.surroundings import Water as Water
+from simgrab.model.scenario.suspension import DoublePendulum as DoublePendulum
+from simgrab.model.scenario.suspension import FourRopes as FourRopes
+from simgrab.model.scenario.suspension import OneBody as OneBody
+from simgrab.model.scenario.suspension import Suspension as Suspension
+from simgrab.model.scenario.suspension import Waves as Waves
+from simgrab.model.scenario.swing import CLAMPABLE as CLAMPABLE
+from simgrab.model.scenario.swing import MOST_ALPHA_DEG as MOST_ALPHA_DEG
+from simgrab.model.scenario.swing import ROPE_LENGTH_RANGE_M as ROPE_LENGTH_RANGE_M
+from simgrab.model.scenario.swing import Alpha as Alpha
+from simgrab.model.scenario.swing import Clampable as Clampable
+from simgrab.model.scenario.swing import Cycles as Cycles
+from simgrab.model.scenario.swing import Dynamic as Dynamic
+from simgrab.model.scenario.swing import Forcing as Forcing
+from simgrab.model.scenario.swing import Hang as Hang
+from simgrab.model.scenario.swing import Iid as Iid
+from simgrab.model.scenario.swing import Start as Start
+from simgrab.model.scenario.swing import Turn as Turn
+from simgrab.model.scenario.swing import Wind as Wind
+from simgrab.model.scenario.vary import Draws as Draws
+from simgrab.model.scenario.vary import Variant as Variant
+from simgrab.model.scenario.vary import variant as variant
+from simgrab.model.scenario.vary import variants as variants
+from simgrab.model.scenario.weather import Weather as Weather
+from simgrab.model.scenario.whole import Scenario as Scenario
+from simgrab.model.scenario.whole import merged as merged
+from simgrab.model.scenario.whole import schema as schema

@@ -55,6 +55,8 @@ class OfFile:
     __slots__ = ()
     reader: ClassVar[ModuleType]
     """Module that reads such files."""
+    file: str
+    sha256: str
 
     @classmethod
     def of(cls, path: str | Path, **keys: Any) -> Self:
@@ -68,9 +70,9 @@ class OfFile:
         model = cls.reader.read(path, lambda problem: ScenarioError("file", problem))
         return cls(**{"file": model.name, "sha256": model.sha256, **keys})
 
-    def check_read(self, file: str, sha256: str) -> None:
+    def check(self) -> None:
         """Refuse a file that was not read; none is opened here, because a stranger's scene becomes such a table too."""
-        if not sha256 or Path(file).name != file:
+        if not self.sha256 or Path(self.file).name != self.file:
             raise ScenarioError(
                 "file", f"it is read by simgrab.load, from a scene file, or by {type(self).__name__}.of"
             )

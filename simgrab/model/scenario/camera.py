@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from simgrab.model.geometry import (
-    PAPER_FOCAL_LENGTH_MM,
-    PAPER_PIXELS_PER_MM,
-    Distortion,
-    Intrinsics,
-    focal_length_px,
-    pixels_per_mm,
-)
+from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Distortion, Intrinsics, pixels_per_mm
 from simgrab.model.scenario.base import Azimuth, Meta, Strict, Tagged, about
 
 Shift = Annotated[float, Meta(ge=-100_000, le=100_000)]
@@ -36,7 +29,7 @@ class LensFocal(Tagged, frozen=True, tag="lens"):
 
     def pixels(self, width_px: int, height_px: int) -> float:  # noqa: ARG002
         """Focal length h, px."""
-        return focal_length_px(self.focal_length_mm, self.pixels_per_mm)
+        return self.focal_length_mm * self.pixels_per_mm
 
 
 class SensorFocal(Tagged, frozen=True, tag="sensor"):
@@ -47,7 +40,7 @@ class SensorFocal(Tagged, frozen=True, tag="sensor"):
 
     def pixels(self, width_px: int, height_px: int) -> float:
         """Focal length h, px."""
-        return focal_length_px(self.focal_length_mm, pixels_per_mm(width_px, height_px, self.sensor_diagonal_mm))
+        return self.focal_length_mm * pixels_per_mm(width_px, height_px, self.sensor_diagonal_mm)
 
 
 class Lens(Strict, frozen=True):

@@ -36,9 +36,6 @@ class FontFile(OfFile, Tagged, frozen=True, kw_only=True, tag="file"):
     sha256: Sha256 = ""
     ink: Annotated[Ink, about("Colours, outline and plate.")] = Ink()
 
-    def check(self) -> None:  # noqa: D102
-        self.check_read(self.file, self.sha256)
-
 
 class GeneratedFont(Tagged, frozen=True, tag="generated"):
     """A font of no real kind, for training a reader: of pen strokes, seven segments, or dots.

@@ -158,7 +158,7 @@ class Mesh(OfFile, GrabAppearance, frozen=True, kw_only=True, tag="mesh"):
 
     def check(self) -> None:
         """Refuse what does not fit together."""
-        self.check_read(self.file, self.sha256)
+        super().check()
         if self.rope_ends_m and len(self.rope_ends_m) != self.ropes:
             raise ScenarioError("rope_ends_m", f"{len(self.rope_ends_m)} points for {self.ropes} ropes")
         if sum(map(len, (self.lips_m, *(jaw.lips_m for jaw in self.jaws)))) > 4:

@@ -30,10 +30,6 @@ def resized(scenario: Scenario, width_px: int, height_px: int) -> Scenario:
     width_px, height_px : int
         Size of the pictures, each from 64 to 4096; a video needs even ones.
 
-    Returns
-    -------
-    Scenario
-
     Raises
     ------
     ScenarioError

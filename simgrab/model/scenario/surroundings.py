@@ -73,9 +73,6 @@ class Photo(OfFile, Tagged, frozen=True, kw_only=True, tag="photo"):
     file: Annotated[File, about("Photograph, video or folder of photographs; absolute or from the scene's folder.")]
     sha256: Sha256 = ""
 
-    def check(self) -> None:  # noqa: D102
-        self.check_read(self.file, self.sha256)
-
 
 Place = Quay | Hold | Water | Plain | RandomPlace | Photo
 Kind = Literal["four-rope", "clamshell", "orange-peel", "scissors", "assembled"]

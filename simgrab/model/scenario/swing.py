@@ -28,7 +28,7 @@ class Alpha(Strict, frozen=True):
     law: Annotated[AnyDistribution, about("Shape of α's distribution; its scale has no effect.")] = HalfNormal()
 
     def check(self) -> None:  # noqa: D102
-        if self.law.rms() <= 0:
+        if self.law.rms() < 1e-100:  # of less, `scale_deg` would overflow
             raise ValueError("the distribution must not be zero everywhere; for a still grab set sigma_deg = 0")
 
     @property

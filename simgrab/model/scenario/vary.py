@@ -61,12 +61,7 @@ def variant(
 ) -> Variant:
     """Draw the variant that a frame belongs to; every factor has its own stream, so a new one changes no other.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    frame : int
-    randomiser : callable, optional
-        Takes the drawn scenario, and returns further dotted keys with their values.
+    A ``randomiser`` takes the drawn scenario, and returns further dotted keys with their values.
 
     Raises
     ------

@@ -15,7 +15,7 @@ import tomli_w
 
 from simgrab.errors import LayoutError, ScenarioError
 from simgrab.io import models
-from simgrab.model.distributions import Constant, Distribution
+from simgrab.model.distributions import AnyDistribution, Constant
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.layouts import Layout
 from simgrab.model.scenario.base import Meta, Strict, about
@@ -206,7 +206,7 @@ class Scenario(Strict, frozen=True):
         return hashlib.sha256(msgspec.json.encode(self._stated("deterministic"))).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data, as `from_dict` takes it."""
+        """Return plain data, as JSON and TOML have them."""
         return dict(msgspec.json.decode(msgspec.json.encode(self._stated(None))))
 
     def _stated(self, order: Literal["deterministic"] | None) -> dict[str, Any]:
@@ -251,7 +251,7 @@ def without_none(value: Any) -> Any:
     return [without_none(inner) for inner in value] if isinstance(value, list) else value
 
 
-def _within(key: str, law: Distribution, low: float, high: float) -> None:
+def _within(key: str, law: AnyDistribution, low: float, high: float) -> None:
     least, most = law.support()
     if least < low or most > high:
         got = f"got {least:g}" if least == most else f"this distribution spans {least:g} … {most:g}"

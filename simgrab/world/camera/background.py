@@ -18,13 +18,7 @@ _REFUSE = partial(ScenarioError, "place.file")
 
 
 class Background:
-    """The photographs of a scenario's place, as its camera sees them.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Whose place is a `Photo`.
-    """
+    """The photographs of a scenario's place, which is a `Photo`, as its camera sees them."""
 
     def __init__(self, scenario: Scenario) -> None:
         place = scenario.place
@@ -44,15 +38,8 @@ class Background:
     def picture(self, number: int, drawn: Window) -> NDArray[np.uint8]:
         """Scale and cut a photograph to the picture, and take the lens' distortion out of it.
 
-        Parameters
-        ----------
-        number : int
-        drawn : Window
-            Of the undistorted picture, which to return: the lens then shows the photograph as it is.
-
-        Returns
-        -------
-        ndarray of uint8, shape (h, w, 3)
+        Returns the window that is drawn of the undistorted picture, shape (h, w, 3): the lens then shows the photograph
+        as it is.
         """
         k = self._scenario.camera.intrinsics
         fitted = _covering(self._pictures[number], k.width_px, k.height_px)

@@ -41,13 +41,9 @@ def cut(boxes: Array, pieces: int) -> Array:
 
 
 def marked(boxes: Array, map_from_jib: Array) -> NDArray[np.bool_]:
-    """Cells of a shadow map that boxes may darken, shape (`CELLS`, `CELLS`).
+    """Cells of a shadow map that boxes (n, 8, 3) may darken, shape (`CELLS`, `CELLS`).
 
-    Parameters
-    ----------
-    boxes : ndarray, shape (n, 8, 3)
-    map_from_jib : ndarray, shape (4, 4)
-        To coordinates from 0 to 1 across the map.
+    ``map_from_jib`` (4, 4) leads to coordinates from 0 to 1 across the map.
     """
     at = (boxes @ map_from_jib[:2, :3].T + map_from_jib[:2, 3]) * CELLS
     low, high = np.floor(at.min(axis=1)).astype(int) - 1, np.ceil(at.max(axis=1)).astype(int) + 1
@@ -70,14 +66,7 @@ def receivers(
 ) -> NDArray[np.int32]:
     """Cell of a shadow map, as a flat index into `marked`, in which each pixel of a picture lies.
 
-    Parameters
-    ----------
-    depth : ndarray, shape (h, w)
-        Along the optical axis, m.
-    map_from_camera : ndarray, shape (4, 4)
-        To coordinates from 0 to 1 across the map.
-    focal_px : float
-    centre_px : ndarray, shape (2,)
+    Depth is along the optical axis, m, and ``map_from_camera`` (4, 4) leads to coordinates from 0 to 1 across the map.
     """
     height, width = depth.shape
     x = ((np.arange(width) + 0.5 - centre_px[0]) / focal_px).astype(np.float32)
@@ -99,17 +88,10 @@ def tiles_of(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def rectangles(points: Array, focal_px: float, centre_px: Array, near_m: float) -> Array:
-    """Bounding rectangles of what hulls of points show before a camera.
+    """Bounding rectangles x0, y0, x1, y1, px, (n, 4), of what hulls of points (n, k, 3), camera frame, m, show.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, k, 3)
-        Camera frame, m; what is nearer than the near plane is not shown.
-
-    Returns
-    -------
-    ndarray, shape (n, 4)
-        x0, y0, x1, y1, px, of the undistorted picture; empty (x0 > x1) where a hull shows nothing.
+    They are of the undistorted picture, and empty (x0 > x1) where a hull shows nothing: it does not where it is nearer
+    than the near plane.
     """
     if not len(points):
         return np.zeros((0, 4))

@@ -31,11 +31,7 @@ Mask = NDArray[np.uint8]
 class FileFace:
     """The face of a font file. A character's origin is the middle of its baseline; y points down.
 
-    Parameters
-    ----------
-    data : Path or bytes
-    advances : bool
-        Whether boxes are as wide as advances: so the bundled font fits cells.
+    Boxes may be as wide as advances: so the bundled font fits cells.
     """
 
     def __init__(self, data: Path | bytes, *, advances: bool = False) -> None:
@@ -53,24 +49,7 @@ class FileFace:
         return (x + left) / _EM, (y + top) / _EM, (x + right) / _EM, (y + bottom) / _EM
 
     def mask(self, character: str, size: int, shape: tuple[int, int], at: tuple[float, int], outline_px: int) -> Mask:
-        """Draw a character, grown by an outline, into a picture.
-
-        Parameters
-        ----------
-        character : str
-        size : int
-            Font size, px.
-        shape : tuple of int
-            Height and width of the picture, px.
-        at : tuple of float
-            Of the origin: x and y, px.
-        outline_px : int
-
-        Returns
-        -------
-        ndarray of uint8, shape (height, width)
-            255 within.
-        """
+        """Draw a character of a font size, px, grown by an outline, with its origin (x, y) in a picture: 255 within."""
         picture = Image.new("L", shape[::-1])
         ImageDraw.Draw(picture).text(
             at, character, fill=255, font=self._sized(size), anchor="ms", stroke_width=outline_px

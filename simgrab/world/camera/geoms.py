@@ -52,16 +52,9 @@ def boxes(model: mujoco.MjModel) -> Array:
 
 
 def shown(model: mujoco.MjModel, data: mujoco.MjData, boxes: Array, *, grab_only: bool) -> list[Geom]:
-    """Geoms that a posed world shows, in the model's order.
+    """Geoms that a posed world shows, in the model's order; with ``grab_only`` the grab and its load alone.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-    data : mujoco.MjData
-    boxes : ndarray, shape (n, 8, 3)
-        As `boxes` gives them.
-    grab_only : bool
-        Leave out what is not the grab or its load.
+    ``boxes`` are those of the function of that name.
     """
     groups = np.asarray(model.geom_group)
     numbers = np.flatnonzero(groups == GRAB if grab_only else groups != HIDDEN)

@@ -29,22 +29,10 @@ Picture = NDArray[np.float32]
 def illumination(
     light: Light, depth: Picture, *, intrinsics: Intrinsics, jib_from_camera: Array, offset: Array
 ) -> Picture:
-    """Light on what each pixel shows, over that of the sky it was rendered under.
+    """Light on what each pixel shows, over that of the sky it was rendered under, shape (height, width).
 
-    Parameters
-    ----------
-    light : Light
-    depth : ndarray of float32, shape (height, width)
-        Along the optical axis, m.
-    intrinsics : Intrinsics
-    jib_from_camera : ndarray, shape (3, 3)
-    offset : ndarray, shape (3,)
-        Camera centre, jib frame, m.
-
-    Returns
-    -------
-    ndarray of float32, shape (height, width)
-        The beam falls with the sixth power of the cosine, to half at 27 degrees, and with the square of the distance.
+    Depth is along the optical axis, m, and the offset (3,) that of the camera's centre in the jib frame, m. The beam
+    falls with the sixth power of the cosine, to half at 27 degrees, and with the square of the distance.
     """
     x_map, y_map = _coarse_rays(intrinsics)
     coarse = np.asarray(cv2.resize(depth, x_map.shape[::-1], interpolation=cv2.INTER_NEAREST))

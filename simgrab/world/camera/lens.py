@@ -18,12 +18,9 @@ KERNEL_PX = 3  # within which lie the pixels that resampling takes
 
 
 class PictureMap:
-    """Where each pixel of a window of the lens' picture comes from in the undistorted one.
+    """Where each pixel of a window of the lens' picture comes from in the undistorted one, which may be rendered finer.
 
-    Parameters
-    ----------
-    ideal : ndarray, shape (h, w, 2)
-        Undistorted pixels, of a picture that may be rendered finer.
+    It is made of those undistorted pixels, shape (h, w, 2).
     """
 
     def __init__(self, ideal: Array) -> None:
@@ -39,8 +36,7 @@ class PictureMap:
 
     def resample(self, picture: NDArray[Any], interpolation: int, outside: float = 0) -> NDArray[Any]:
         """Bend a picture of ``source``; ``interpolation`` is OpenCV's."""
-        source = np.ascontiguousarray(picture)
-        return _resampled(source, self._map, interpolation, outside)
+        return cv2.remap(np.ascontiguousarray(picture), self._map, None, interpolation, borderValue=outside)
 
     def resample_over(
         self, before: NDArray[Any], picture: NDArray[Any], windows: Sequence[Window], interpolation: int
@@ -53,7 +49,7 @@ class PictureMap:
             start, end = np.array(window[:2]) - KERNEL_PX, np.array(window[2:]) + KERNEL_PX
             grid |= ((high > start) & (low < end)).all(axis=-1)
         for x0, y0, x1, y1 in changes.windows(grid, width, height, changes.COPY_PX):
-            result[y0:y1, x0:x1] = _resampled(source, self._map[y0:y1, x0:x1], interpolation)
+            result[y0:y1, x0:x1] = cv2.remap(source, self._map[y0:y1, x0:x1], None, interpolation)
         return result
 
     @cached_property
@@ -68,10 +64,6 @@ class PictureMap:
 
 def _tiled(values: NDArray[Any], axis: int) -> NDArray[np.int64]:
     return np.arange(0, values.shape[axis], changes.TILE_PX)
-
-
-def _resampled(picture: NDArray[Any], at: NDArray[np.float32], interpolation: int, outside: float = 0) -> NDArray[Any]:
-    return cv2.remap(picture, at, None, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
 
 
 class Lens:

@@ -34,15 +34,7 @@ class _Glyph:
 
 
 class _Pen:
-    """A face at the largest size at which characters, outline included, fit their cells.
-
-    Parameters
-    ----------
-    face : Face
-    ink : Ink
-    cells : sequence of (str, int, int)
-        Characters with the width and height of their cells, px. The heights are the same.
-    """
+    """A face at the largest size at which characters fit their cells, whose width and height, px, go with them."""
 
     def __init__(self, face: Face, ink: Ink, cells: Sequence[tuple[str, int, int]]) -> None:
         self._face, self._ink = face, ink
@@ -109,18 +101,9 @@ class Overlay:
         self._numbers = _glyphs(_Pen(face or own, self._ink, cells), cells)
 
     def blend(self, rgb: NDArray[np.uint8], shown: Shown) -> NDArray[np.uint8]:
-        """Lay the display over a picture.
+        """Lay the display over a picture, uint8 of the layout's size and shape (height, width, 3).
 
-        Parameters
-        ----------
-        rgb : ndarray of uint8, shape (height, width, 3)
-            Of the layout's size.
-        shown : Shown
-
-        Returns
-        -------
-        ndarray of uint8, shape (height, width, 3)
-            A copy; pixels outside the characters' cells, and the plates, are as they were.
+        Returns a copy; pixels outside the characters' cells, and the plates, are as they were.
         """
         expected = (self.layout.height_px, self.layout.width_px, 3)
         if rgb.shape != expected or rgb.dtype != np.uint8:

@@ -231,12 +231,7 @@ class Passes:
     def shade_over(self, scene: mujoco.MjvScene, moving: Iterable[Geom], part: tuple[float, ...]) -> None:
         """Add moving geoms to the shadow map that `shade` kept.
 
-        Parameters
-        ----------
-        scene : mujoco.MjvScene
-        moving : iterable of Geom
-        part : tuple of 4 floats
-            Left, bottom, right and top of the part of the map that they may darken, from 0 to 1.
+        They may darken a part of the map: left, bottom, right and top, from 0 to 1.
         """
         side = self._context.shadowSize
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._kept)
@@ -314,10 +309,6 @@ class Passes:
             Whether the shadow map keeps the sun from pixels.
         keep : bool
             Whether the picture is kept for `colour_over`.
-
-        Returns
-        -------
-        ndarray of uint8, shape (h, w, 3)
         """
         name, whole = "kept_picture" if keep else "picture", (0, 0, rect.width, rect.height)
         self._colour(name, scene, rect, [(whole, geoms, True)], shadowed)
@@ -327,21 +318,9 @@ class Passes:
         self, scene: mujoco.MjvScene, rect: mujoco.MjrRect, moving: Sequence[Geom], windows: Sequence[Window],
         redrawn: Sequence[tuple[Window, Sequence[Geom]]], *, shadowed: bool,
     ) -> Iterator[tuple[Window, NDArray[np.uint8]]]:  # fmt: skip
-        """Draw moving geoms over the picture that `colour` kept.
+        """Draw moving geoms over the picture that `colour` kept, and yield the windows of it that hold all they change.
 
-        Parameters
-        ----------
-        scene, rect, shadowed
-            As for `colour`.
-        moving : sequence of Geom
-        windows : sequence of Window
-            Of the picture, which hold all that is drawn.
-        redrawn : sequence of tuple of Window and sequence of Geom
-            Parts of these where shadows change, and the geoms that stand still there.
-
-        Yields
-        ------
-        tuple of Window and ndarray of uint8, shape (h, w, 3)
+        ``redrawn`` are parts of these where shadows change, with the geoms that stand still there.
         """
         self._copy("picture", windows)
         whole = (0, 0, rect.width, rect.height)
@@ -560,10 +539,8 @@ def _texture(picture: NDArray[np.uint8]) -> int:
 
 
 def _halved(picture: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
-    """Yield a picture, and halve it for as long as its sides are even.
-
-    Means of two pixels are rounded up, first across and then up, as the software renderer has them, only faster.
-    """
+    """Yield a picture, and halve it for as long as its sides are even."""
+    # Means of two pixels are rounded up, first across and then up, as the software renderer has them, only faster.
     while True:
         yield np.ascontiguousarray(picture)
         height, width = picture.shape[:2]

@@ -64,30 +64,15 @@ class View:
 
 @dataclass(eq=False)
 class _Aim:
-    """A camera, and what was drawn through it that stays as it is: what stands still.
-
-    Attributes
-    ----------
-    camera : Camera
-    smooth : bool
-        Whether pictures are antialiased.
-    shadowed : bool
-        Whether the sun casts shadows.
-    lens : Lens or None
-    full, drawn : Window
-        The whole picture, and what is drawn for it of the undistorted one.
-    centre : ndarray, shape (3,)
-        Of the camera, jib frame, m.
-    rest : Tilt
-    """
+    """A camera, and what was drawn through it that stays as it is: what stands still."""
 
     camera: Camera
-    smooth: bool
-    shadowed: bool
+    smooth: bool  # whether pictures are antialiased
+    shadowed: bool  # whether the sun casts shadows
     lens: Lens | None
-    full: Window
-    drawn: Window
-    centre: Array
+    full: Window  # the whole picture,
+    drawn: Window  # and what is drawn for it of the undistorted one
+    centre: Array  # of the camera, jib frame, m, shape (3,)
     rest: Tilt
     target: Target | None = None
     still: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = None
@@ -125,12 +110,8 @@ class Renderer:
     shadows may differ from those of a picture that is drawn whole, as the environment variable ``SIMGRAB_REUSE=0`` has
     every picture drawn; the fingerprint says which it was.
 
-    Parameters
-    ----------
-    world : World
-    scenario : Scenario
-    station : callable, optional
-        Gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the scenario's.
+    A ``station`` gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the
+    scenario's.
 
     Attributes
     ----------
@@ -180,14 +161,9 @@ class Renderer:
         return smooth and isinstance(scenario.place, Photo) == (self._background is not None)
 
     def revise(self, world: World, old: Scenario, new: Scenario) -> None:
-        """Go on with another scenario, in the same OpenGL context.
+        """Go on from one scenario to another, in the same OpenGL context.
 
-        Parameters
-        ----------
-        world : World
-            With the same model and other lights, or with a model of its own.
-        old, new : Scenario
-            The one that it rendered last, and the one to render.
+        The world has the same model and other lights, or a model of its own.
 
         Raises
         ------
@@ -274,16 +250,10 @@ class Renderer:
         return self._aim.lens is not None
 
     def view(self, moment: Moment, window: Window | None = None, finer: int = LENS_SAMPLES) -> View:
-        """Render ids and depth through a window of the picture.
+        """Render ids and depth through a window, which may reach beyond the picture; the whole picture unless given.
 
-        Parameters
-        ----------
-        moment : Moment
-        window : Window, optional
-            The whole picture unless given. It may reach beyond the picture.
-        finer : int
-            How much finer what a lens bends is rendered: as labels need it unless given. With 1 the lens may move edges
-            by half a pixel.
+        What a lens bends is rendered so much ``finer``: as labels need it unless given. With 1 the lens may move edges
+        by half a pixel.
         """
         self._gather(moment)
         window, lens = window or self.full, self._aim.lens
@@ -300,17 +270,8 @@ class Renderer:
     def silhouette(self, moment: Moment, window: Window, samples: int = 0) -> NDArray[np.bool_]:
         """Render the grab and what it holds through a window, as if nothing were in front of it.
 
-        Parameters
-        ----------
-        moment : Moment
-        window : Window
-            It may reach beyond the picture.
-        samples : int
-            Of each pixel and direction; one, as `view` has it, unless given.
-
-        Returns
-        -------
-        ndarray of bool, shape (h·samples, w·samples)
+        The window may reach beyond the picture. Each pixel has so many samples each way: one, as `view` has it, unless
+        given; shape (h·samples, w·samples).
         """
         self._gather(moment, grab_only=True)
         if samples and self._aim.lens is None:

@@ -22,15 +22,7 @@ _Result = TypeVar("_Result")
 
 
 def each_block(height: int, work: Callable[[slice], _Result]) -> list[_Result]:
-    """Run work on every block of a picture's rows, and return its results in order.
-
-    Parameters
-    ----------
-    height : int
-        Of the picture, px.
-    work : callable
-        Takes a block, and writes to no other rows.
-    """
+    """Run work, which writes to no other rows, on every block of a picture's rows, and return its results in order."""
     return threaded_map(work, (slice(y, min(y + ROWS, height)) for y in range(0, height, ROWS)))
 
 
@@ -46,20 +38,9 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def enlarged(coarse: Picture, times: int, rows: slice, width: int) -> Picture:
-    """Enlarge a picture bilinearly, and return some rows of that.
+    """Enlarge a picture (h, w) or (h, w, n) bilinearly, and return some rows of that.
 
-    Parameters
-    ----------
-    coarse : ndarray of float32, shape (h, w) or (h, w, n)
-    times : int
-    rows : slice
-        Of the enlarged picture.
-    width : int
-        Of the enlarged picture, up to w · times: its right end is cut off.
-
-    Returns
-    -------
-    ndarray of float32, shape (rows, width) or (rows, width, n)
+    Its right end is cut off at ``width``, which is up to w · times.
     """
     first = max(rows.start // times - 1, 0)
     near = coarse[first : -(-rows.stop // times) + 1]

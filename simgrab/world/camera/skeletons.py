@@ -36,15 +36,9 @@ _DOTS = {
 
 
 class Strokes:
-    """Digits of curves and lines. Each trait is drawn once for the font.
+    """Digits of curves and lines, whose skeletons have a width. Each trait is drawn once for the font.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    width : float
-        Of the digits' skeletons.
-    pen : float
-        Half the nib's height: ends of arcs keep clear of what lies below them.
+    The pen is half the nib's height: ends of arcs keep clear of what lies below them.
     """
 
     def __init__(self, rng: np.random.Generator, width: float, pen: float) -> None:

@@ -61,13 +61,7 @@ class SensorRows:
 
 
 class Device(ABC):
-    """A sensor in one clip, which gives its rows in order.
-
-    Parameters
-    ----------
-    clock : SensorClock
-    each : int
-        Number of samples for each report.
+    """A sensor in one clip, which gives its rows in order, one for every ``each`` samples.
 
     Attributes
     ----------

@@ -139,14 +139,8 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
     """Yield the motion of a clip at instants, some seconds at a time.
 
     It is integrated in the same steps as for frames. The forces that drive it are constant during each of the plant's
-    intervals of at most 20 ms, so that accelerations jump between these.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Scenario with dynamic swing, in which nothing varies.
-    clip : int
-    instants : callable
+    intervals of at most 20 ms, so that accelerations jump between these. The scenario has dynamic swing, and nothing
+    varies in it.
     """
     assert isinstance(scenario.swing, Dynamic)
     course, work = ClipMotion(scenario, clip), Work(scenario, clip)

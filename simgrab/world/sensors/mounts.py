@@ -39,15 +39,7 @@ class Kinematics:
 
 
 def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinematics:
-    """Compute the kinematics of a sensor.
-
-    Parameters
-    ----------
-    mounting : str
-    motion : Motion
-    scenario : Scenario
-        Scenario of the camera and the grab.
-    """
+    """Compute the kinematics of a sensor; the scenario is that of the camera and the grab."""
     match mounting:
         case "jib-head":
             return _on_jib(motion, np.eye(3), motion.shake, motion.shake_rate, np.zeros(3))
@@ -116,19 +108,8 @@ def _on_grab(motion: Motion) -> Kinematics:
 
 
 def _leaned(down: Array, down_rate: Array) -> tuple[Array, Array]:
-    """Shortest rotation from straight down to a direction of any length, and its angular velocity.
-
-    Parameters
-    ----------
-    down, down_rate : ndarray, shape (n, 3)
-        Direction and its derivative.
-
-    Returns
-    -------
-    rotation : ndarray, shape (n, 3, 3)
-    rate : ndarray, shape (n, 3)
-        In the leaned frame, rad/s: 2 vec(Q* Q̇)/|Q|² of the quaternion Q = (1 + e·d, e × d), of any length.
-    """
+    """Shortest rotation (n, 3, 3) from straight down to a direction (n, 3), and its angular velocity, leaned frame."""
+    # Rate: 2 vec(Q* Q̇)/|Q|² of the quaternion Q = (1 + e·d, e × d), of any length.
     length = np.linalg.norm(down, axis=1, keepdims=True)
     unit = down / length
     unit_rate = (down_rate - unit * np.sum(unit * down_rate, axis=1, keepdims=True)) / length

@@ -44,10 +44,7 @@ def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
             raise ValueError("a moment with ahead needs a time, and so does ahead itself")
         _within("ahead.time", moment.ahead.time, *(now.time + after for after in _AHEAD_S))
         ahead = _instant(moment.ahead, design, scenario.suspension)
-    return replace(
-        now, frame=frame, clip=None if now.time is None else clip, present=bool(moment.present), ahead=ahead,
-        shown=moment.shown if scenario.display_layout else None,
-    )  # fmt: skip
+    return replace(now, frame=frame, clip=None if now.time is None else clip, present=bool(moment.present), ahead=ahead)
 
 
 def _instant(moment: Moment, design: Design, suspension: Suspension) -> Moment:

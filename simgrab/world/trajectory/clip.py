@@ -73,14 +73,9 @@ class Block:
 
 
 class ClipMotion:
-    """One clip. Iterate over it for its `Moment`s, from the first frame on, without end.
+    """One clip of a scenario with dynamic swing; each clip has its own draws.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Scenario with dynamic swing.
-    clip : int
-        Index of the clip; each clip has its own draws.
+    Iterate over it for its `Moment`s, from the first frame on, without end.
     """
 
     def __init__(self, scenario: Scenario, clip: int) -> None:

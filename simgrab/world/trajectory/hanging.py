@@ -37,15 +37,7 @@ def rope_lean(alpha: float, share: float, ratio: float, *, of_ropes: bool = Fals
 
 
 def hung(grab: GrabState, suspension: Suspension, end_height: float) -> GrabState:
-    """Lean the head of a grab by its suspension; only four ropes change it.
-
-    Parameters
-    ----------
-    grab : GrabState
-    suspension : Suspension
-    end_height : float
-        Height of the rope ends in the grab's frame, m.
-    """
+    """Lean the head of a grab by its suspension, if that is four ropes that end at a height in the grab's frame, m."""
     if not isinstance(suspension, FourRopes):
         return grab
     ratio = suspension.tilt_ratio

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from simgrab.errors import ScenarioError
 from simgrab.model import geometry
-from simgrab.model.distributions import Distribution
+from simgrab.model.distributions import AnyDistribution
 from simgrab.model.rng import stream
 from simgrab.model.scenario import MOST_ALPHA_DEG, Iid, Scenario
 from simgrab.world.scenery.grabs import design_of
@@ -17,13 +19,7 @@ CLOSED = np.radians(2.0)  # jaws wider than this hold nothing
 
 
 def draw(scenario: Scenario, frame: int) -> Moment:
-    """Draw one frame; every variable has its own stream, so frames can be made alone and in any order.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Scenario with independent frames.
-    frame : int
+    """Draw one independent frame; every variable has its own stream, so frames can be made alone and in any order.
 
     Raises
     ------
@@ -33,7 +29,7 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     swing = scenario.swing
     assert isinstance(swing, Iid)
 
-    def value(name: str, law: Distribution) -> float:
+    def value(name: str, law: AnyDistribution) -> float:
         return float(law.sample(stream(scenario.seed, frame, f"swing.{name}")))
 
     alpha_deg = abs(value("alpha", swing.alpha.law)) * swing.alpha.scale_deg
@@ -53,10 +49,10 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     jaw = min(jaw, most)
     gamma = np.radians(value("gamma", swing.gamma_deg)) % (2 * np.pi)
     load = value("load", swing.load)
-    tilt = np.radians((scenario.camera.beta_deg, scenario.camera.tilt_azimuth_deg, scenario.camera.roll_deg))
+    tilt = Tilt.at_rest(scenario.camera)
     grab = GrabState(
         alpha=float(np.radians(alpha_deg)),
-        azimuth=float((gamma + tilt[1]) % (2 * np.pi)),
+        azimuth=float((gamma + tilt.azimuth) % (2 * np.pi)),
         rope_length=value("rope_length", swing.rope_length_m),
         yaw=float(geometry.wrap(np.radians(value("yaw", swing.yaw_deg)))),
         jaw=float(jaw),
@@ -64,7 +60,5 @@ def draw(scenario: Scenario, frame: int) -> Moment:
     )
     grab = hung(grab, scenario.suspension, float(design.terminations[0, 2]))
     present = stream(scenario.seed, frame, "swing.absent").random() >= swing.absent
-    return Moment(
-        frame, grab, Tilt(*(float(a) for a in tilt)), float(gamma),
-        present=bool(present), clamped=("jaw_deg",) if clamped else (),
-    )  # fmt: skip
+    moment = Moment(frame, grab, tilt, float(gamma), present=bool(present))
+    return replace(moment, clamped=("jaw_deg",)) if clamped else moment

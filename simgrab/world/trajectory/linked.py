@@ -38,21 +38,12 @@ def _sum(series: list[float], x: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Body:
-    """A body that leans by p and turns about its own axis, and its motion where p and turn change at constant rates.
+    """A body that leans by p and turns about its own axis, and its motion where p and turn change at constant rates."""
 
-    Attributes
-    ----------
-    attitude : ndarray, shape (3, 3)
-    jacobian : ndarray, shape (3, 3)
-        Angular velocity, in its own frame, by the rates of (p, turn): the right Jacobian of the rotation vector.
-    rate, drift : ndarray, shape (3,)
-        Angular velocity, and acceleration at constant rates, in its own frame, rad/s and rad/s².
-    """
-
-    attitude: Array
-    jacobian: Array
-    rate: Array
-    drift: Array
+    attitude: Array  # shape (3, 3)
+    jacobian: Array  # (3, 3): rate by the rates of (p, turn), the right Jacobian of the rotation vector
+    rate: Array  # (3,): angular velocity in its own frame, rad/s
+    drift: Array  # (3,): acceleration there at constant rates, rad/s²
 
     @classmethod
     def at(cls, px: float, py: float, turn: float, ux: float, uy: float, turn_rate: float) -> _Body:
@@ -120,15 +111,7 @@ class LinkedPlant(Plant):
         return _Body.at(px, py, 0.0, ux, uy, 0.0), _Body.at(*grab, *rate)
 
     def _speeds(self, ropes: _Body, grab: _Body, mass: Mass, length: float) -> tuple[Array, Array]:
-        """Speeds of the centre of mass (3), the grab's turn (3) and the ropes' (2) by those of y, and their inertias.
-
-        Returns
-        -------
-        speeds : ndarray, shape (8, n)
-            m and rad, in the plant's frame, the grab's and the ropes'.
-        inertias : ndarray, shape (8,)
-            kg and kg m².
-        """
+        """Speeds of the centre of mass (3), the grab's turn (3) and the ropes' (2) by those of y, and inertias."""
         by_x = np.zeros((8, 5))
         by_x[:3, :2], by_x[:3, 2:] = ropes.swept(-length)[:, :2], grab.swept(mass.centre_z - self.end_height)
         by_x[3:6, 2:], by_x[6:, :2] = grab.jacobian, ropes.jacobian[:2, :2]
@@ -184,10 +167,8 @@ class LinkedPlant(Plant):
         return at + step / 6 * (a + 2 * b + 2 * c + d), speed + step / 6 * (da + 2 * db + 2 * dc + dd)
 
     def _derivative(self, at: Array, speed: Array) -> tuple[Array, Array]:
-        """Kane's equations, Bᵀ I B ÿ = Bᵀ (F − I drift): derivatives of positions and speeds.
-
-        B are the speeds of `_speeds` by ẏ, I their inertias, and drift their rates at constant ẏ.
-        """
+        """Kane's equations, Bᵀ I B ÿ = Bᵀ (F − I drift): derivatives of positions and speeds."""
+        # B are the speeds of `_speeds` by ẏ, I their inertias, and drift their rates at constant ẏ.
         mass, acting, hoisting = self.mass, self._acting, float(speed[-1])
         ropes, grab = self._bodies(at, speed)
         speeds, inertia = self._speeds(ropes, grab, mass, float(at[-1]))

@@ -17,13 +17,7 @@ class Mount:
     """Lean of the camera about its rest attitude: a horizontal vector in the jib frame, the tangent of the angle.
 
     Levelled, it is a damped pendulum that follows apparent gravity, ẍ = −ω² (x − g_x/−g_z) − 2 ζ ω ẋ for either axis;
-    rigid, it pitches with luffing.
-
-    Parameters
-    ----------
-    camera : Camera
-    interval : float
-        Interval during which apparent gravity is constant, s.
+    rigid, it pitches with luffing. During an interval, s, apparent gravity is constant.
     """
 
     def __init__(self, camera: Camera, interval: float) -> None:
@@ -102,10 +96,8 @@ def tilted(camera: Camera, lean: Array) -> Tilt:
 
 
 def _expm(motion: Array, seconds: Array) -> Array:
-    """exp(t M) of a 2 × 2 matrix for many t, shape (n, 2, 2): e^(ht) (cosh(st) I + sinh(st)/s (M − h I)).
-
-    h is half the trace and s² = h² − det M. SciPy's `expm` takes a millisecond for each where cores are busy.
-    """
+    """exp(t M) of a 2 × 2 matrix for many t, shape (n, 2, 2): e^(ht) (cosh(st) I + sinh(st)/s (M − h I))."""
+    # h is half the trace and s² = h² − det M. SciPy's `expm` takes a millisecond for each where cores are busy.
     half = motion.trace() / 2
     root = complex(half**2 - np.linalg.det(motion)) ** 0.5
     even = np.cosh(root * seconds).real

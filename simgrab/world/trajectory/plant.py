@@ -110,14 +110,7 @@ def turned(vector: Array, angle: float | Array) -> Array:
 
 
 class Plant(ABC):
-    """The grab on its ropes, as a clip begins.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Scenario with dynamic swing.
-    drive : Drive
-        First drive, which gives the initial rope, jaws and load.
+    """The grab on its ropes, as a clip of a scenario with dynamic swing begins: by its first drive.
 
     Attributes
     ----------
@@ -148,17 +141,7 @@ class Plant(ABC):
         the interval's beginning counts as acceleration throughout the interval. Between two steps the motion is that of
         a shorter step from the first of them, by the same integrator.
 
-        Parameters
-        ----------
-        drive : Drive
-        seconds : float
-        steps : int
-        instants : sequence of float
-            Increasing, since the interval's beginning, s.
-
-        Returns
-        -------
-        ndarray, shape (n, `WIDTH`)
+        The instants, s, count from the interval's beginning and increase; the motion has the shape (n, `WIDTH`).
         """
         before = self._rates() if instants else np.zeros((2, 3))
         self._hold(drive.jaw, drive.load)
@@ -183,12 +166,10 @@ class Plant(ABC):
         self._keep_momentum(before, self.mass)
 
     def _forces(self, drive: Drive) -> Forces:
-        """Compute an interval's forces: aerodynamic drag ½ρ Cd·A |v|v, the ropes' spring against yaw, and frictions.
-
-        Frictions are shares of the critical one, 2√(stiffness · inertia). The ropes' ends rise as they turn away from
-        under their exits: the stiffness is m g s²/z, s² being the mean product of distances of exits and ends from the
-        axis, and z the height between them.
-        """
+        """Compute an interval's forces: aerodynamic drag ½ρ Cd·A |v|v, the ropes' spring against yaw, and frictions."""
+        # Frictions are shares of the critical one, 2√(stiffness · inertia). The ropes' ends rise as they turn away from
+        # under their exits: the stiffness is m g s²/z, s² being the mean product of distances of exits and ends from
+        # the axis, and z the height between them.
         mass = self.mass
         paid_out, rate = self._paid_out()
         lag, slip = drive.rope - paid_out, drive.rope_rate - rate
@@ -216,10 +197,8 @@ class Plant(ABC):
         )  # fmt: skip
 
     def _pendulum(self, rope: float) -> tuple[float, float]:
-        """Stiffness, N m, and inertia, kg m², of small swings in which the grab leans by a ratio κ of its ropes' lean.
-
-        m g (l + κ² b) and m (l + κ b)² + κ² I, with l = |OT| and b from T down to the centre of mass.
-        """
+        """Stiffness, N m, and inertia, kg m², of small swings, in which the grab leans by κ times its ropes' lean."""
+        # m g (l + κ² b) and m (l + κ b)² + κ² I, with l = |OT| and b from T down to the centre of mass.
         mass, ratio = self.mass, self._tilt_ratio
         arm, below = rope - mass.centre_z, self.end_height - mass.centre_z
         lever = arm - (1 - ratio) * below

@@ -21,21 +21,13 @@ class Trajectory:
     """The moments of a scenario.
 
     Frames may be requested in any order. With dynamic swing, a clip runs from its beginning to the requested frame,
-    so forward requests are cheap and backward ones are not.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    extensions : Extensions
-        A user's own trajectory replaces the scenario's swing.
-    plan : Plan, optional
-        Plan of the scenario; required if ropes are to be shortened until the grab is clear of the surroundings.
+    so forward requests are cheap and backward ones are not. A user's own trajectory replaces the scenario's swing. The
+    plan is required if ropes are to be shortened until the grab is clear of the surroundings.
     """
 
     def __init__(self, scenario: Scenario, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:
         self._scenario, self._extensions, self._plan = scenario, extensions, plan
         self._layout, self._grab = scenario.display_layout, design_of(scenario.grab)
-        self._clip = -1
         self._moments: Iterator[Moment] = iter(())
         self._recent: deque[Moment] = deque(maxlen=REMEMBERED)
 
@@ -48,8 +40,7 @@ class Trajectory:
             If the frame is impossible. The message names frame and key.
         """
         if self._extensions.trajectory is not None:
-            moment = self._extensions.moment(self._scenario, frame)
-            return moment if moment.shown else self._with_display(moment)
+            return self._with_display(self._extensions.moment(self._scenario, frame))
         if isinstance(self._scenario.swing, Iid):
             moment = swing.draw(self._scenario, frame)
             if "rope_length_m" in self._scenario.swing.clamped:
@@ -63,8 +54,8 @@ class Trajectory:
         if recent:
             return recent
         clip = self._scenario.clip.of(frame)
-        if clip != self._clip or (self._recent and frame < self._recent[-1].frame):
-            self._clip, self._moments = clip, iter(ClipMotion(self._scenario, clip))
+        if not self._recent or self._recent[-1].clip != clip or frame < self._recent[-1].frame:
+            self._moments = iter(ClipMotion(self._scenario, clip))
             self._recent.clear()
         for moment in self._moments:
             self._recent.append(moment)

@@ -47,14 +47,7 @@ class Course:
 
 
 class Work:
-    """The course of one clip, made as far as requested; the past is forgotten.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        With dynamic swing.
-    clip : int
-    """
+    """The course of one clip of a scenario with dynamic swing, made as far as requested; the past is forgotten."""
 
     def __init__(self, scenario: Scenario, clip: int) -> None:
         assert isinstance(scenario.swing, Dynamic)
@@ -66,24 +59,17 @@ class Work:
         self._holds: list[tuple[float, float]] = []
         work = self._work
         if isinstance(work, Cycles):
-            first = self._vary(work.dig_rope_m, "dig_rope", 0)
-            self._rope, self._jaw, self._load = (
-                CommandedAxis(self._depth(first)),
-                CommandedAxis(self._open),
-                CommandedAxis(0.0),
-            )
+            rope, jaw, load = self._depth(self._vary(work.dig_rope_m, "dig_rope", 0)), self._open, 0.0
         else:
             if math.radians(work.jaw_deg) > self._most_jaw > 0:  # a grab without jaws stays closed
                 raise ScenarioError(
                     "swing.work.jaw_deg", f"this grab opens by {math.degrees(self._most_jaw):g}°, got {work.jaw_deg:g}°"
                 )
-            self._rope, self._jaw = (
-                CommandedAxis(work.rope_length_m),
-                CommandedAxis(min(math.radians(work.jaw_deg), self._most_jaw)),
-            )
-            self._load, self._until = CommandedAxis(work.load), math.inf
-        self._slew = CommandedAxis(math.radians(work.dig_slew_deg) if isinstance(work, Cycles) else 0.0)
-        self._luff = CommandedAxis(0.0)
+            rope, jaw, load = work.rope_length_m, min(math.radians(work.jaw_deg), self._most_jaw), work.load
+            self._until = math.inf
+        slew = math.radians(work.dig_slew_deg) if isinstance(work, Cycles) else 0.0
+        self._axes = tuple(map(CommandedAxis, (slew, 0.0, rope, jaw, load)))
+        self._slew, self._luff, self._rope, self._jaw, self._load = self._axes
         if isinstance(work, Turn):
             # Farther than any clip is long: it never arrives.
             speed = work.slew_rpm * 2 * math.pi / 60
@@ -93,11 +79,12 @@ class Work:
         """Return the course at increasing instants; instants long before the last call are forgotten."""
         while self._until < time[-1]:
             self._plan_cycle()
-        axes = (self._slew, self._luff, self._rope, self._jaw, self._load)
-        for axis in axes:
+        for axis in self._axes:
             axis.forget(float(time[0]) - KEPT_S)
         self._holds = [h for h in self._holds if h[1] > time[0] - KEPT_S]
-        (slew, slew_rate), (luff, luff_rate), (rope, rope_rate), (jaw, _), (load, _) = (a.sample(time) for a in axes)
+        (slew, slew_rate), (luff, luff_rate), (rope, rope_rate), (jaw, _), (load, _) = (
+            a.sample(time) for a in self._axes
+        )
         held = np.zeros(len(time), bool)
         for begin, end in self._holds:
             held |= (time >= begin) & (time < end)

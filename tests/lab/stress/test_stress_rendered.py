@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 import tomli_w
 from commands import run
+from equations import eq2_cos_alpha
 from stress_runs import refused
 
 from simgrab.dataset.render import render
@@ -22,7 +23,7 @@ from simgrab.lab.stress.laboratory import TRIALS, make, parts
 from simgrab.lab.stress.rendered import Watched, watch
 from simgrab.lab.stress.study import quickened, situation
 from simgrab.model import calibration
-from simgrab.model.geometry import camera_rotation, eq2_cos_alpha, vertical_direction
+from simgrab.model.geometry import camera_rotation, vertical_direction
 
 TINY = {
     "place.model": "plain", "camera.width_px": 480, "camera.height_px": 270, "camera.focal.model": "pixels",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import tomli_w
 from commands import run
+from equations import eq2_cos_alpha
 from stress_runs import refused, small, summed
 
 import simgrab
@@ -96,7 +97,7 @@ def test_every_bundled_study_reads_under_its_own_name_and_quickly():
 
 
 def test_the_draws_obey_the_papers_equation():
-    from simgrab.model.geometry import eq2_cos_alpha, vertical_direction
+    from simgrab.model.geometry import vertical_direction
 
     here = situation(small("noise", n=50), (0.0,))
     records = geometric.draw(here, 1, range(3))

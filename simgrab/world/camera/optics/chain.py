@@ -24,7 +24,7 @@ NEUTRAL = (1.0, 1.0, 1.0)
 def expose(
     optics: Optics, light: Light, *, intrinsics: Intrinsics, seed: int, frame: int, exposure: Exposure
 ) -> Picture:
-    """Take a picture. The display and `recompress` come after it.
+    """Take a picture, uint8 of shape (height, width, 3). The display and `recompress` come after it.
 
     Parameters
     ----------
@@ -37,10 +37,6 @@ def expose(
         Key the noise.
     exposure : Exposure
         See `metered`.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
     """
     sharp = chromatic(light, intrinsics, optics.chromatic_px)
     axes = 2 if exposure.grey else 3
@@ -94,10 +90,6 @@ def recompress(rgb: Picture, quality: int) -> Picture:
     rgb : ndarray of uint8, shape (height, width, 3)
     quality : int
         JPEG quality 1 … 100 with chroma at half the resolution; 0 leaves the picture alone.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
     """
     if quality == 0:
         return rgb

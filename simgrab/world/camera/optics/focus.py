@@ -31,10 +31,6 @@ def defocus(light: Light, diameter_px: float, rows: slice = WHOLE) -> Light:
         Of the circle of confusion. Up to a pixel it makes no difference.
     rows : slice
         Of the picture, which to return.
-
-    Returns
-    -------
-    ndarray of float32, shape (rows, width, 3)
     """
     if diameter_px <= 1:
         return light[rows]

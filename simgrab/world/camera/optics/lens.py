@@ -16,19 +16,10 @@ _NODES = 65  # a side; at 1080p the spline between them is good to 1e-7
 
 
 def vignetting(intrinsics: Intrinsics, stops: float) -> Light:
-    """Share of the light that reaches each pixel: cosⁿ of the field angle, n such that the corner loses ``stops``.
+    """Share of the light that reaches each pixel, shape (height, width): cosⁿ of its undistorted ray's field angle.
 
-    Parameters
-    ----------
-    intrinsics : Intrinsics
-        The field angle is that of the ray through the pixel, distortion taken out.
-    stops : float
-        Loss at the corner farthest from the optical axis. n is 4, the natural law of a lens without stray pupils, for
-        4·log2(1/cos) of that corner's angle: 1.07 stops for the paper's lens. Mechanical vignetting comes on top.
-
-    Returns
-    -------
-    ndarray of float32, shape (height, width)
+    The corner farthest from the optical axis loses ``stops``. n is 4, the natural law of a lens without stray pupils,
+    for 4·log2(1/cos) of that corner's angle: 1.07 stops for the paper's lens. Mechanical vignetting comes on top.
     """
     return np.exp2(np.float32(-stops) * _falloff(intrinsics))
 
@@ -47,18 +38,9 @@ def _falloff(intrinsics: Intrinsics) -> Light:
 
 
 def chromatic(light: Light, intrinsics: Intrinsics, corner_px: float) -> Light:
-    """Magnify red and shrink blue about the principal point; green stays.
+    """Magnify red and shrink blue of light (height, width, 3) about the principal point; green stays.
 
-    Parameters
-    ----------
-    light : ndarray of float32, shape (height, width, 3)
-    intrinsics : Intrinsics
-    corner_px : float
-        Displacement of red outwards, and of blue inwards, at the corner farthest from the principal point, px.
-
-    Returns
-    -------
-    ndarray of float32, shape (height, width, 3)
+    At the corner farthest from it red moves outwards, and blue inwards, by ``corner_px``.
     """
     if corner_px == 0:
         return light

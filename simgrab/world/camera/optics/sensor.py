@@ -41,7 +41,7 @@ def pattern(shape: tuple[int, ...], seed: int) -> Light:
 
 
 def noisy(level: Light, sensor: Sensor, gain: float, rng: Generator) -> Light:
-    """Add shot and read noise.
+    """Add shot and read noise, which may bring the level below 0.
 
     Parameters
     ----------
@@ -51,11 +51,6 @@ def noisy(level: Light, sensor: Sensor, gain: float, rng: Generator) -> Light:
     gain : float
         Of the exposure. Above 1 it amplifies noise; below, the iris lets less light in and the noise is as at 1.
     rng : Generator
-
-    Returns
-    -------
-    ndarray of float32
-        Of the level's shape. May fall below 0.
     """
     if sensor.full_well_e == 0:
         return level

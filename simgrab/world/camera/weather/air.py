@@ -20,14 +20,7 @@ def haze(rendered: RenderPass, visibility_m: float | None, precipitation: Sequen
     """Return the homogeneous part of the air.
 
     Light keeps exp(−∫σ ds) along its true path, and the air adds what it scatters into it (Koschmieder 1924).
-
-    Parameters
-    ----------
-    rendered : RenderPass
-    visibility_m : float or None
-        Of the fog; None is clear air.
-    precipitation : sequence of Precipitation
-        Each counts from the depth on to which its particles are rendered.
+    Precipitation counts from the depth on to which its particles are rendered.
     """
     fog = KOSCHMIEDER / visibility_m if visibility_m else 0.0
     total = fog + sum(p.extinction.sum() for p in precipitation)

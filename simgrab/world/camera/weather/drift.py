@@ -22,26 +22,10 @@ SHARPNESS = 4.0  # exponent of the ranks: most of the dust moves in few streamer
 
 
 def drift(rendered: RenderPass, on: Surface, thickness: float, wind_m_s: Array, time_s: float, *, seed: int) -> Layer:
-    """Return the dust between the camera and the ground.
+    """Return the dust between the camera and the ground; its glow is in units of `TINT`.
 
-    The pattern travels with the wind unchanged (Taylor's hypothesis).
-
-    Parameters
-    ----------
-    rendered : RenderPass
-    on : Surface
-    thickness : float
-        Mean optical thickness of the whole layer, seen from straight above.
-    wind_m_s : ndarray, shape (3,)
-        Velocity of the air, jib frame.
-    time_s : float
-        Since the clip began.
-    seed : int
-
-    Returns
-    -------
-    Layer
-        Its glow is in units of `TINT`.
+    The pattern travels with the wind (3,) of the jib frame unchanged (Taylor's hypothesis). The mean optical thickness
+    is that of the whole layer, seen from straight above.
     """
     wind = wind_m_s if rendered.jib_from_place is None else rendered.jib_from_place.rotation.T @ wind_m_s  # place frame
     speed = math.hypot(wind[0], wind[1])

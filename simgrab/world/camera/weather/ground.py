@@ -49,15 +49,8 @@ class Lamp:
 def ground(weather: Weather, rendered: RenderPass, lamps: Sequence[Lamp], white: float, *, seed: int) -> Maker:
     """Wet the ground and lay snow on it.
 
-    Parameters
-    ----------
-    weather : Weather
-        Some wetness, from 0.5 on with puddles, or snow cover, or both.
-    rendered : RenderPass
-    lamps : sequence of Lamp
-    white : float
-        Linear brightness of the sky, which is the unit of the layer's glow.
-    seed : int
+    The weather has some wetness, from 0.5 on with puddles, or snow cover, or both. The unit of the layer's glow is
+    ``white``, the linear brightness of the sky.
     """
     height = -(-len(rendered.depth) // STEP)
     if weather.wetness:
@@ -113,13 +106,7 @@ def _slopes(squared: Picture, rms: float) -> Picture:
 
 
 def _snow(patches: Picture, cover: float, rendered: RenderPass, rows: slice) -> tuple[Picture, Picture]:
-    """Lay snow on what faces upwards: fully on the place, thinly on grab and jib.
-
-    Returns
-    -------
-    tuple of 2 ndarrays
-        Share of each pixel that it covers, and the noise that its grain follows.
-    """
+    """Lay snow on what faces upwards, thinly on grab and jib: share of each pixel, and the noise of its grain."""
     on = surface(rendered, rows)
     pattern = noise.look_up(patches, on.x, on.y, SPAN_M)
     low, high = STEEPEST_SNOW
@@ -131,11 +118,8 @@ def _snow(patches: Picture, cover: float, rendered: RenderPass, rows: slice) -> 
 
 
 def _lit(rendered: RenderPass, snow: Picture, pattern: Picture, white: float) -> Layer:
-    """Light snow as the scene is lit; its grain follows a pattern.
-
-    It is as bright as white where the picture is of mean brightness; light and shade of the scene show on it, the large
-    ones more than the small.
-    """
+    """Light snow as the scene is lit; its grain follows a pattern."""
+    # As bright as white where the picture is of mean brightness; large light and shade show on it more than small.
     (height, width), grey = snow.shape, np.empty_like(snow)
 
     def look(rows: slice) -> None:

@@ -100,13 +100,7 @@ def _bins(edges: Array, intercept: float, slope: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Particles:
-    """Particles in the camera frame, in the middle of the exposure.
-
-    Attributes
-    ----------
-    position_m, velocity_m_s : ndarray, shape (N, 3)
-    diameter_m : ndarray, shape (N,)
-    """
+    """Particles in the camera frame, in the middle of the exposure, shapes (N, 3), (N, 3) and (N,)."""
 
     position_m: Array
     velocity_m_s: Array
@@ -117,21 +111,9 @@ def scatter(
     precipitation: Precipitation, intrinsics: Intrinsics, jib_from_camera: Array, wind_m_s: Array,
     rng: np.random.Generator,
 ) -> Particles:  # fmt: skip
-    """Draw the particles of one frame, uniform in the volume before the camera.
+    """Draw the particles of one frame, uniform in the volume before the camera, in wind (3,) of the jib frame.
 
-    Parameters
-    ----------
-    precipitation : Precipitation
-    intrinsics : Intrinsics
-    jib_from_camera : ndarray, shape (3, 3)
-    wind_m_s : ndarray, shape (3,)
-        Velocity of the air, jib frame.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    Particles
-        As many in each bin as a Poisson distribution gives in the volume to the bin's reach.
+    There are as many in each bin as a Poisson distribution gives in the volume to the bin's reach.
     """
     low, high = frustum(intrinsics)
     reach = np.maximum(precipitation.reach_m, NEAREST_M)

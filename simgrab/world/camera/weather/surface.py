@@ -88,10 +88,8 @@ def _anchored(rendered: RenderPass, x: Picture, y: Picture, ids: NDArray[np.uint
 
 
 def _up(x: Picture, y: Picture, depth: Picture, down: Picture) -> Picture:
-    """Upward component of the normal.
-
-    The inverse depth w of a plane is linear in the ray coordinates: n ∝ (w_x, w_y, w − x w_x − y w_y).
-    """
+    """Upward component of the normal."""
+    # The inverse depth w of a plane is linear in the ray coordinates: n ∝ (w_x, w_y, w − x w_x − y w_y).
     w = cv2.divide(1.0, depth)
     wx, wy = _slope(w, x, 1), _slope(w, y, 0)
     wz = w - x * wx - y * wy
