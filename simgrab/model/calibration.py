@@ -50,7 +50,7 @@ class Calibration(Checked, frozen=True):
         Layout of the display's digits; None if there is no display. It is the layout itself and not its name, so that
         the file is complete on any machine.
     assumed : tuple of str
-        Names of the values above that are guesses. `load` adds offset, lens distortion (``k1``) and the display's
+        Names of the values above that are guesses. `load` adds offset, roll, lens distortion (``k1``) and the display's
         constant where the file leaves them out.
     """
 
@@ -121,7 +121,7 @@ def _of(data: dict[str, Any], where: str | Path) -> Calibration:
         except LayoutError as problem:
             raise CalibrationError(f"{where}: digit_layout: {problem}") from None
     found = convert(data, Calibration, CalibrationError, where)
-    unstated = [key for key in ("k1", "offset_m", "display_constant_m") if key not in data]
+    unstated = [key for key in ("k1", "offset_m", "roll_deg", "display_constant_m") if key not in data]
     if found.digit_layout is None and "display_constant_m" in unstated:
         unstated.remove("display_constant_m")
     return msgspec.structs.replace(found, assumed=tuple(dict.fromkeys((*found.assumed, *unstated))))

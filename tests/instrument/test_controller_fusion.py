@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 import swinging
@@ -124,6 +125,21 @@ def test_a_reported_load_separates_the_lean_in_a_wind_from_tilt():
         errors.append(np.degrees(np.sqrt(np.mean((found.alpha - crane.alpha) ** 2))))
     assert errors[1] < errors[0] / 1.5
     assert errors[1] < 0.12
+
+
+@pytest.mark.parametrize("off_deg", [-12.0, 35.0])
+@pytest.mark.parametrize("mount", ["levelled", "rigid"])
+def test_a_roll_that_is_a_guess_follows_from_slewing(mount, off_deg):
+    crane = swinging.record(fixed=False, frames=500, seed=130, camera__roll_deg=6.0, camera__mount={"model": mount})
+    noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
+    guess = msgspec.structs.replace(crane.calibration, roll_deg=6.0 + off_deg, assumed=("roll_deg",))
+    smoother, given = PendulumSmoother(controller=controller(crane.time, crane.jib)), {"rope_length": crane.rope}
+    known, found = (smoother.estimate(noisy, c, time=crane.time, **given) for c in (crane.calibration, guess))
+    assert "roll" not in known.diagnostics
+    off, sd = np.degrees([found.diagnostics["roll"], found.diagnostics["roll_sd"]]) - (6.0, 0.0)
+    assert abs(off) < 3 * sd < 3
+    np.testing.assert_allclose(found.alpha, known.alpha, atol=np.radians(0.1))
+    np.testing.assert_allclose(found.swing, known.swing, atol=np.radians(0.2))
 
 
 def test_a_detector_whose_errors_last_for_seconds_needs_their_deviation():

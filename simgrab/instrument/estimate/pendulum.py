@@ -43,7 +43,8 @@ LONGER, WIND, CLOCK, FOLLOWS, FREQUENCY, LEVELLING, LUFFING = 7, slice(8, 10), 1
 # With an inertial sensor, the lever minus the rope's length (m), and of the sensor's lean (row by row) the scale error
 # and misalignment, by which a change of lean is measured wrongly.
 REACH, SCALE = 15, slice(16, 20)
-PARAMETERS = 20
+ROLL = 20  # of the camera, beyond the stated one, with a controller (rad)
+PARAMETERS = 21
 STATE = 6  # numbers of a state, and two for each kind of drifting error of the direction of sight (rad, jib frame)
 
 
@@ -178,7 +179,7 @@ def advance(
     Parameters
     ----------
     x : ndarray, shape (k, d)
-    parameters : ndarray, shape (20,)
+    parameters : ndarray, shape (21,)
     links : Links
     acceleration : ndarray, shape (k, 2), or float
         Of O, m/s².
@@ -207,7 +208,7 @@ def sensed_lean(parameters: Array, course: Array) -> Array:
 
 
 def of_tilt(lean: Array) -> Array:
-    """Differentiate by the parameters, (2, 20), the camera's lean where a sensor reports a lean (2,)."""
+    """Differentiate by the parameters, (2, 21), the camera's lean where a sensor reports a lean (2,)."""
     by = np.zeros((2, PARAMETERS))
     by[:, TILT], by[:, SCALE] = np.eye(2), np.kron(np.eye(2), lean)
     return by
@@ -222,8 +223,8 @@ def camera(parameters: Array, time: Array, jib: JibMotion, drift: Array | float 
     if not jib.sensed:
         leans += parameters[FOLLOWS] * jib.levelled(np.exp(parameters[FREQUENCY]), np.exp(parameters[LEVELLING]), time)
         leans[:, 0] += parameters[LUFFING] * course[:, 1]
-    turn = level_from_jib @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
-    return turn, level_from_jib @ parameters[OFFSET]
+    jib_from_rolled = lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
+    return level_from_jib @ jib_from_rolled @ rotation_z(-parameters[ROLL]), level_from_jib @ parameters[OFFSET]
 
 
 def drifted(x: Array) -> Array:
@@ -234,7 +235,7 @@ def drifted(x: Array) -> Array:
 def derivatives_of_advance(
     x: Array, parameters: Array, links: Links, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
-    """States (k − 1, d) after the steps between times (k,), and derivatives by state (…, d) and parameters (…, 20)."""
+    """States (k − 1, d) after the steps between times (k,), and derivatives by state (…, d) and parameters (…, 21)."""
 
     def led(e: Array) -> Array:
         p = parameters + e
@@ -250,7 +251,7 @@ def derivatives_of_advance(
 def derivatives_of_place(
     x: Array, parameters: Array, rope: Array, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
-    """Places (k, 2), and their derivatives by the state (k, 2, d) and the parameters (k, 2, 20)."""
+    """Places (k, 2), and their derivatives by the state (k, 2, d) and the parameters (k, 2, 21)."""
     turn, offset = camera(parameters, time, jib, drifted(x))
 
     def seen(e: Array, drift: Array | float = 0.0) -> Array:
@@ -261,6 +262,7 @@ def derivatives_of_place(
     by_state = jacobian(lambda e: seen_from(turn, (x + e)[:, :2], rope, offset), size, (0, 1))
     if jib.drifts:
         by_state[..., STATE:] = np.tile(jacobian(lambda e: seen(still, e), 2), len(jib.drifts))
-    of_jib = (CLOCK, *range(SCALE.start, SCALE.stop)) if jib.sensed else range(CLOCK, REACH) if jib.moves else ()
+    by_controller = (*range(CLOCK, REACH), ROLL) if jib.moves else ()
+    of_jib = (CLOCK, *range(SCALE.start, SCALE.stop)) if jib.sensed else by_controller
     by_parameter = jacobian(seen, PARAMETERS, (*range(OFFSET.stop), *of_jib))
     return seen_from(turn, x[:, :2], rope, offset), by_state, by_parameter

@@ -50,7 +50,7 @@ class PendulumPriors:
 
     Attributes
     ----------
-    mean, sd : ndarray, shape (20,)
+    mean, sd : ndarray, shape (21,)
     focal_px : float
     jib : JibMotion
     steady : float
@@ -79,7 +79,7 @@ class PendulumPriors:
 
 @dataclass(frozen=True)
 class PendulumFit:
-    """A path (k, d), static parameters (20,), strengths (3,), weights of pixels (k,) and steps (k − 1,).
+    """A path (k, d), static parameters (21,), strengths (3,), weights of pixels (k,) and steps (k − 1,).
 
     The posterior is linearised about the path.
     """
@@ -125,7 +125,7 @@ def fit(
     ----------
     nodes : Nodes
     path : ndarray, shape (k, d)
-    parameters : ndarray, shape (20,)
+    parameters : ndarray, shape (21,)
     strengths : ndarray, shape (3,)
     priors : PendulumPriors
     searches : int

@@ -28,6 +28,7 @@ from simgrab.instrument.estimate.pendulum import (
     OFFSET,
     PARAMETERS,
     REACH,
+    ROLL,
     SCALE,
     STATE,
     STIFFNESS,
@@ -44,7 +45,7 @@ from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, Pendul
 from simgrab.instrument.estimate.rope_aware import BEYOND_GRAB, RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array, rotation_z
+from simgrab.model.geometry import Array, rotation_z, wrap
 from simgrab.model.records.estimates import Estimates, Intervals
 
 MOST_NOISE = 0.005  # rad, of a centre per coordinate, if it is also more than the swing: then the frames are no video
@@ -65,6 +66,7 @@ GUSTS, LOADS = 0.28, 0.4
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
 AROUND_S = 1.0  # of a sensor's readings before the first and after the last frame
 SENSOR_CLOCK_SD_S = 0.03
+ROLL_SD = 0.3  # rad, where the stated one is a guess
 SENSOR_SCALE_SD = 0.01  # of scale and misalignment: cheap sensors have 1 %, and 0.4° (docs/sensors.md)
 REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
 WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change in that time
@@ -123,9 +125,9 @@ class PendulumSmoother(Estimator):
     is behind that of the pictures, and its standard deviation), of the camera ``follows`` (share of apparent gravity, 1
     if it levels itself and 0 if not), ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad),
     ``not_free`` (share of the record in which the grab does not swing freely: digging), ``cost`` (minus the logarithm
-    of the likelihood), and, with a sensor, ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the
-    ropes, displace the grab; it is 0 if grab and ropes are in line, and minus the height of the rope ends above A if
-    the grab's head stays level.
+    of the likelihood), ``roll`` and ``roll_sd`` (of the camera, rad, where the calibration's is a guess) and, with a
+    sensor, ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the ropes, displace the grab; it is 0 if
+    grab and ropes are in line, and minus the height of the rope ends above A if the grab's head stays level.
     """
 
     name: ClassVar[str] = "pendulum-smoother"
@@ -187,6 +189,8 @@ class PendulumSmoother(Estimator):
             mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = FOLLOWING
             sd[LUFFING], sd[CLOCK] = PITCH_SD, max(self.controller.clock_sd_s, LEAST_CLOCK_SD_S)
             sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
+            if "roll_deg" in calibration.assumed:
+                sd[ROLL] = ROLL_SD
         if self.wander_px > 0:
             jib = jib.wandering(self.wander_px / focal_px, WANDER_S)
         start = mean.copy()
@@ -271,6 +275,9 @@ class PendulumSmoother(Estimator):
             "offset_if_fixed_m": solved.fixed,
             "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
         } | (_of_jib(found) if jib.moves else {})
+        if jib.moves and not jib.sensed and "roll_deg" in calibration.assumed:
+            diagnostics["roll"] = wrap(np.deg2rad(calibration.roll_deg) + found.parameters[ROLL])
+            diagnostics["roll_sd"] = np.sqrt(minimum.covariance[ROLL, ROLL])
         swing = None
         if jib.moves:  # from the level frame to that of the jib
             heading = jib.at(nodes.time[nodes.frame] + found.parameters[CLOCK])[:, 0]

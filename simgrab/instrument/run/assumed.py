@@ -69,7 +69,9 @@ def assumptions(
     if width is not None and owed is not None:
         parts.append(f"{owed:.2f}° of their mean width of {width:.2f}° come from: {offset}")
     texts = _TEXTS | ({"k1": "no lens distortion"} if camera.intrinsics.distortion.is_null else {})
-    outside = [text.format(camera) for key, text in texts.items() if key in camera.assumed]
+    known = record is not None and record.estimate is not None and "roll" in record.estimate.diagnostics
+    guesses = set(camera.assumed) - ({"roll_deg"} if known else set())
+    outside = [text.format(camera) for key, text in texts.items() if key in guesses]
     if tilt is not None and tilt.offset_m is None:
         angle = math.degrees(math.atan2(math.hypot(x, y) + camera.offset_sd_m, ROPE_M))
         outside.insert(

@@ -89,6 +89,9 @@ def held(run: Run) -> list[tuple[str, str]]:
         refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
         rows.append(("estimator", estimate["estimator"] + refusal))
         rows += _intervals(estimate, timed=run.time is not None)
+        if (roll := estimate["diagnostics"].get("roll_deg")) is not None:
+            by = f"{roll:.1f} ± {1.96 * estimate['diagnostics']['roll_sd_deg']:.1f} deg by the swing"
+            rows.append(("roll", f"{by}; state it as roll_deg in the camera file"))
     elif run.about["tilt"] is not None:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
     for name, key in (("95 % intervals", "text"), ("warning", "leans"), ("contradicts the camera file", "beyond")):
