@@ -44,6 +44,8 @@ def measured(run: Run) -> list[tuple[str, str]]:
     one, largest = run.measurements[frame], found[-1][1]
     if one.alpha_low is not None and one.alpha_high is not None:
         largest += f" ({np.rad2deg(one.alpha_low):.2f} to {np.rad2deg(one.alpha_high):.2f}, 95 %)"
+    if one.direction is not None:
+        largest += f" towards {np.rad2deg(one.direction):.0f}°"
     when = f"frame {frame}" if run.time is None else f"{run.time[frame]:.1f} s"
     return [*found[:-1], (found[-1][0], f"{largest} at {when}")]
 
