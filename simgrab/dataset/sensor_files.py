@@ -86,7 +86,7 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None, grab_kg: floa
         "radius": ("radius [m]", "m", sensor.radius_resolution_m, {"constant_m": 0.0}),
         "rope": ("rope_length [m]", "m", sensor.rope_resolution_m, {"constant_m": 0.0}),
         "wind": ("wind [m/s]", "m/s", sensor.wind_resolution_m_s, {}),
-        "load": ("load [t]", "t", sensor.load_resolution_t, {"grab": round(grab_kg / 1000, 2)}),
+        "load": ("load [t]", "t", sensor.load_resolution_t, {"grab_t": round(grab_kg / 1000, 2)}),
     }
     clock = {"column": STAMP, "unit": "ns", "clock_sd_s": sensor.clock_offset_ms / 1000}
     return tomli_w.dumps(

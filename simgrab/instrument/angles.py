@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
 from simgrab.instrument.estimate.follow import Known, follow
+from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
 from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.instrument.forecast import SETTLED_S, Forecast, Forecaster, forecast, joined
 from simgrab.instrument.observation import Observation
@@ -19,6 +20,7 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
 UNSTATED_PX = 1.5  # standard deviation of a pixel whose detector states none
+NORMAL = 1.96  # two-sided quantile, 95 %
 AT_ONCE = 256  # frames whose forecasts are sampled together
 
 
@@ -71,6 +73,13 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
     return alpha, ends, direction
 
 
+def without_lean(alpha: Array, ends: Array, calibration: Calibration) -> Array:
+    """Intervals (n, 2) without how a camera leans on its mount, which alarms and forecasts do not wait for."""
+    lean = NORMAL * LEAN_BY_MOUNT.get(calibration.mount, 0.0)
+    off = np.sqrt(np.maximum((ends - alpha[:, None]) ** 2 - lean**2, 0.0))
+    return np.asarray(np.where(np.isfinite(ends), alpha[:, None] + off * (-1.0, 1.0), np.nan))
+
+
 def forecasts(
     forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float,
     reported: Array | None = None,
@@ -110,7 +119,7 @@ def forecasts(
 
 def measurements(
     record: RecordArrays, alpha: Array, ends: Array, refused: str = "", ahead: Forecast | None = None,
-    swing: Array | None = None, needs_rope: bool = True,
+    swing: Array | None = None, needs_rope: bool = True, firm: Array | None = None,
 ) -> tuple[Measurement, ...]:  # fmt: skip
     """Make a measurement of every frame: its swing, or why there is none.
 
@@ -127,8 +136,10 @@ def measurements(
         Horizontal part of the unit direction OA, jib frame.
     needs_rope : bool
         Whether a frame without the rope's length lacks an input.
+    firm : ndarray, shape (n, 2), optional
+        Intervals for the probability of danger, by default ``ends``; see `without_lean`.
     """
-    danger = alarm.probability(alpha, *ends.T)
+    danger = alarm.probability(alpha, *(ends if firm is None else firm).T)
     direction = np.full(len(alpha), np.nan) if swing is None else np.arctan2(swing[:, 1], swing[:, 0])
     names = [] if ahead is None else list(vars(ahead))
     next_s = np.array([getattr(ahead, name) for name in names]).T if names else np.empty((len(alpha), 0))

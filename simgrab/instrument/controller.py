@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgrab.errors import RecordError
 from simgrab.model.geometry import Array
@@ -135,18 +134,17 @@ class Controller:
         assert self.wind is not None
         return max(float(np.sqrt(np.mean(np.interp(time, *self.wind.T) ** 2))), LEAST_WIND_M_S)
 
-    def hoisted(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """How much a grab leans in a wind at times (m,), one over the mass over its mean; and whether it digs.
+    def lightness(self, time: Array) -> Array:
+        """One over the hoisted mass at times (m,), over its mean in that time: how much a grab leans in a wind.
 
-        A grab that digs leaves its ropes slack.
+        Readings of slack ropes, as the grab digs, count for nothing. 1 where there are no others.
         """
         if self.load is None:
-            return np.ones(len(time)), np.zeros(len(time), bool)
+            return np.ones(len(time))
         times, mass = self.load.T
-        slack = mass < SLACK * self.grab_kg
-        hanging = 1 / mass[~slack]
-        light = np.interp(time, times[~slack], hanging / hanging.mean()) if len(hanging) else np.ones(len(time))
-        return light, np.interp(time, times, slack) > 0
+        some = (mass >= SLACK * self.grab_kg) & (times >= np.min(time)) & (times <= np.max(time))
+        light = 1 / mass[some]
+        return np.interp(time, times[some], light / light.mean()) if some.any() else np.ones(len(time))
 
     def shifted(self, clock: ClockOffset) -> Controller:
         """Apply the offset of the clock."""

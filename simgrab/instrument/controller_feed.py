@@ -53,9 +53,9 @@ class ControllerFeed:
 
     def __init__(self, path: str | Path) -> None:
         self._path, facts = describe(path)
+        if all(one in (facts.wind, facts.load) for one in facts.quantities):
+            raise RecordError(f"{path}: a live run does not read the wind; state it by --wind-m-s")
         self._facts = msgspec.structs.replace(facts, wind=None, load=None)
-        if not self._facts.quantities:
-            raise RecordError(f"{path}: a live run reads neither wind nor load; state the wind by --wind-m-s")
         self.states_rope = facts.rope is not None
         jib = [one for one in (facts.slew, facts.radius or facts.luff) if one is not None]
         rate_hz = max(one.rate_hz for one in self._facts.quantities)

@@ -154,10 +154,10 @@ class Wind(Quantity, frozen=True, kw_only=True):
 
 
 class Load(Quantity, frozen=True, kw_only=True):
-    """Hoisted mass, by the crane's load cell: ``grab`` is that of the empty grab, which a ``net`` load leaves out."""
+    """Hoisted mass, by the crane's load cell: ``grab_t`` is that of the empty grab, which a ``net`` load leaves out."""
 
     unit: Literal["t", "kg"] = "t"
-    grab: Annotated[float, Meta(gt=0, le=3e5)]
+    grab_t: Annotated[float, Meta(gt=0, le=200)]
     net: bool = False
 
 
@@ -279,7 +279,7 @@ def read_controller(
         if name != "rope":
             found[f"{name}_sd"] = sd
     if facts.load is not None:
-        found["grab_kg"] = facts.load.grab * UNITS[facts.load.unit]
+        found["grab_kg"] = 1000 * facts.load.grab_t
     if facts.rope is not None:
         found["rope_unit"] = facts.rope.unit
     if facts.time.start is None:
@@ -367,7 +367,7 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
             means = "|OA| is the length itself" if name == "rope" else "it begins at the slewing axis, not at a rail"
             notes.append(f"{where}: {name}.constant_m is not stated, and taken as 0: {means}")
     if isinstance(quantity, Load):
-        values = values + quantity.grab * scale * quantity.net
+        values = values + 1000 * quantity.grab_t * quantity.net
     wrong = ~((values > low) & (values < high)) & np.isfinite(values)
     values = refuse(values, wrong, f"not between {low:g} and {high:g} {unit}", _hint(name, raw[wrong]))
     known = np.isfinite(values)

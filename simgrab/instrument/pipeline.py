@@ -250,14 +250,16 @@ class Pipeline:
         if estimate is not None and self.calibrate_s is None:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
+        measures_lean = moving(estimator) and estimate is not None and self.calibrate_s is None
+        firm = ends if record.time is None or measures_lean else angles.without_lean(alpha, ends, calibration)
         ahead_s = None
         if estimate is None or not moving(estimator):
             # Forecasts rest on the tilt of all of the record, but on no later frames.
-            ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, ends, calibration.focal_length_px)
+            ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, firm, calibration.focal_length_px)
         stated = swing if still(calibration, estimator) else None
         if estimate is not None and self.calibrate_s is None and estimate.swing is not None:
             stated = estimate.swing
-        measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=stated)
+        measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=stated, firm=firm)
         return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
 
     def _calibrated(self, time: Array | None) -> Array | None:
@@ -313,12 +315,13 @@ class Pipeline:
                     by = swing - angles.by_tilt(newest, before, calibration)[2]
                     forecaster.shift(by)
                     watch.shift(by)
+            firm = ends if tracker is not None else angles.without_lean(alpha, ends, calibration)
             reported = None
             if controller is not None and self.feed is not None and self.feed.states_motion:
                 reported = controller.jib_motion(at)[None]
-            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, ends, calibration.focal_length_px, reported)
+            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, firm, calibration.focal_length_px, reported)
             known_way = swing if tracker is None and still(calibration, estimator) else None
-            (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s, known_way)
+            (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s, known_way, firm=firm)
             watch.frame(frame, measured)
             if self.feed is not None:
                 watch.controller(at, controller, self.feed)

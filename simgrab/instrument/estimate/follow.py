@@ -19,7 +19,7 @@ from simgrab.instrument.estimate.rope_aware import along_tilt, swings
 from simgrab.io.parse import read_toml
 from simgrab.io.strict import Checked, convert
 from simgrab.model.calibration import Calibration, Metres
-from simgrab.model.geometry import Array
+from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.records.estimates import Estimate
 
 Meta = msgspec.Meta
@@ -85,9 +85,12 @@ def known(estimate: Estimate) -> Known:
     else:  # the quantiles of frames to come are normal; those of a few blocks are not
         degrees = estimate.frames - 1 if best.blocks is None else best.blocks - 1
         covariance = best.tilt * (iv.student(best.level, degrees) / iv.student(best.level, np.inf)) ** 2
+    turn = float(estimate.diagnostics.get("roll_error", 0.0))  # later frames are turned by the stated roll alone
+    offset = None if estimate.offset is None else rotation_z(turn) @ estimate.offset
+    azimuth = (estimate.tilt_azimuth + turn) % (2 * np.pi)
     return Known(
-        estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(estimate.tilt_azimuth)),
-        _components(estimate.offset), tuple(tuple(float(x) for x in row) for row in covariance),
+        estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(azimuth)),
+        _components(offset), tuple(tuple(float(x) for x in row) for row in covariance),
         _components(estimate.diagnostics.get(WEAK_PRIOR_OFFSET)),
     )  # fmt: skip
 

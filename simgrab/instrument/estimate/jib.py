@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from simgrab.instrument.controller import RADIUS_M, Controller
@@ -108,12 +107,10 @@ class JibMotion:
         """Mean acceleration (k − 1, 2) between moments (k,), level frame, m/s²."""
         return np.diff(self.at(time)[:, 2:4], axis=0) / np.diff(time)[:, None]
 
-    def hoisted(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """`Controller.hoisted` between moments (k,): shape (k − 1,) each."""
+    def lightness(self, time: Array) -> Array:
+        """`Controller.lightness` between moments (k,): shape (k − 1,)."""
         middle = (time[1:] + time[:-1]) / 2
-        if self.controller is None:
-            return np.ones(len(middle)), np.zeros(len(middle), bool)
-        return self.controller.hoisted(middle)
+        return np.ones(len(middle)) if self.controller is None else self.controller.lightness(middle)
 
     def levelled(self, frequency: float, damping: float, time: Array) -> Array:
         """Lean (k, 2) at moments (k,) of a camera that hangs by gravity: a damped pendulum in the jib frame.

@@ -241,7 +241,7 @@ def derivatives_of_advance(
         p = parameters + e
         return advance(x, p, links, jib.acceleration(time + p[CLOCK]), light)
 
-    known, light = jib.acceleration(time + parameters[CLOCK]), jib.hoisted(time + parameters[CLOCK])[0]
+    known, light = jib.acceleration(time + parameters[CLOCK]), jib.lightness(time + parameters[CLOCK])
     by_state = jacobian(lambda e: advance(x + e, parameters, links, known, light), x.shape[-1])
     of_jib = (*range(LONGER, CLOCK + 1), REACH) if jib.moves else ()
     by_parameter = jacobian(led, PARAMETERS, (*range(DAMPING, LONGER), *of_jib))

@@ -41,7 +41,6 @@ START_SD = 0.3  # rad, of the first s and p: a pendulum within its range
 ANY_FORCE, GUSTS = (1e-5, 0.1), (2e-4, 5e-3)
 # Speeds below which hoist and jib rest, and the longest time for which a grab digs.
 REST_M_S, JIB_RESTS_M_S, DIG_S = 0.1, 0.2, 30.0
-DIGS = 1e-4  # weight of a step with slack ropes
 
 
 @dataclass(frozen=True)
@@ -201,7 +200,6 @@ def _linearised(
         hoist = scipy.ndimage.uniform_filter1d(np.diff(nodes.rope) / step, across)
         rests = (np.abs(hoist) < REST_M_S) & (np.hypot(*jib.T) < JIB_RESTS_M_S)
         free = np.maximum(1, _digging(beyond, rests, step, across)) ** -2.0
-    free = np.where(priors.jib.hoisted(nodes.time + parameters[CLOCK])[1], DIGS, free)
     fast, slow = (
         linear(-by_state, -by_parameter, residual, one * (joined * free)[:, None, None], ahead) for one in precisions
     )

@@ -61,12 +61,13 @@ MOST_NOT_FREE = 0.3  # of a record; if more does not swing freely, the sensor is
 FREE = 0.5  # least weight of a step in which the grab counts as swinging freely
 MOST_WIND = 0.05  # rad, of the steady lean by wind where that is not stated, beside what gusts show:
 STEADY = 4.0  # its standard deviation over that of gusts, whose turbulence is 10 to 25 %
-# Standard deviation per axis of the lean by wind over its mean: with a turbulence of 18 %, and also as loads change.
-GUSTS, LOADS = 0.28, 0.4
+# Standard deviation per axis of the lean by wind over its mean: with a turbulence of 20 %, and also as loads change.
+GUSTS, LOADS = 0.32, 0.43
+MOST_GUSTS = 2.5e-3  # rad: right data need no more slow forcing than `doubts.MOST_LEAN`
 PITCH_SD = 0.03  # rad/m, of the pitch by luffing
 AROUND_S = 1.0  # of a sensor's readings before the first and after the last frame
 SENSOR_CLOCK_SD_S = 0.03
-ROLL_SD = 0.3  # rad, where the stated one is a guess
+ROLL_SD, LEAST_SLEW = 0.3, 0.2  # rad: of a roll that is a guess, and by how much the jib must slew to show it
 SENSOR_SCALE_SD = 0.01  # of scale and misalignment: cheap sensors have 1 %, and 0.4° (docs/sensors.md)
 REACH_SD_M = 1.5  # of the reach; half of a normal distribution below 0
 WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change in that time
@@ -80,13 +81,17 @@ THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A fitted record: nodes, fit, the jib's motion, the sensor's if there is one, and the offset of a fixed camera."""
+    """A fitted record: nodes, fit, the jib's motion, the sensor's if there is one, and the offset of a fixed camera.
+
+    It says too whether the camera's roll was estimated.
+    """
 
     nodes: Nodes
     fit: PendulumFit
     jib: JibMotion
     sensed: Sensed | None
     fixed: Array
+    rolls: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,9 +130,9 @@ class PendulumSmoother(Estimator):
     is behind that of the pictures, and its standard deviation), of the camera ``follows`` (share of apparent gravity, 1
     if it levels itself and 0 if not), ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad),
     ``not_free`` (share of the record in which the grab does not swing freely: digging), ``cost`` (minus the logarithm
-    of the likelihood), ``roll`` and ``roll_sd`` (of the camera, rad, where the calibration's is a guess) and, with a
-    sensor, ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the ropes, displace the grab; it is 0 if
-    grab and ropes are in line, and minus the height of the rope ends above A if the grab's head stays level.
+    of the likelihood), ``roll``, ``roll_sd`` and ``roll_error`` (less the stated one; rad, where that is a guess) and,
+    with a sensor, ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the ropes, displace the grab; it
+    is 0 if grab and ropes are in line, and minus the height of the rope ends above A if the grab's head stays level.
     """
 
     name: ClassVar[str] = "pendulum-smoother"
@@ -189,7 +194,7 @@ class PendulumSmoother(Estimator):
             mean[FOLLOWS], mean[FREQUENCY], mean[LEVELLING] = FOLLOWING
             sd[LUFFING], sd[CLOCK] = PITCH_SD, max(self.controller.clock_sd_s, LEAST_CLOCK_SD_S)
             sd[[FOLLOWS, FREQUENCY, LEVELLING]] = FOLLOWING_SD
-            if "roll_deg" in calibration.assumed:
+            if "roll_deg" in calibration.assumed and np.ptp(jib.course[:, 0]) > LEAST_SLEW:
                 sd[ROLL] = ROLL_SD
         if self.wander_px > 0:
             jib = jib.wandering(self.wander_px / focal_px, WANDER_S)
@@ -200,7 +205,8 @@ class PendulumSmoother(Estimator):
             jib = replace(jib, controller=self.controller)
         loaded = self.controller is not None and self.controller.load is not None
         lean = np.sqrt(2 * self.intervals.lean_variance)
-        priors = PendulumPriors(mean, sd, focal_px, jib, steady, lean * (GUSTS if loaded else LOADS))
+        gusts = min(lean * (GUSTS if loaded else LOADS), MOST_GUSTS)
+        priors = PendulumPriors(mean, sd, focal_px, jib, steady, gusts)
         turn, offset = camera(start, frames.time, jib)
         assert frames.rope_length is not None
         swing = looked_along(turn, frames.places()[1], frames.rope_length[0], offset)
@@ -215,7 +221,8 @@ class PendulumSmoother(Estimator):
         if found.converged and noise > max(MOST_NOISE, moves):
             off = f"{np.degrees(noise):.1f} deg"
             return f"the grab does not move like a pendulum, but {off} off in each frame: are these frames of a video?"
-        return Solved(nodes, found, jib, motion, rough.offset[0]) if found.converged else NOT_CONVERGED
+        rolls = bool(sd[ROLL] == ROLL_SD)
+        return Solved(nodes, found, jib, motion, rough.offset[0], rolls) if found.converged else NOT_CONVERGED
 
     def _fit(self, frames: Frames, swing: Array, start: Array, priors: PendulumPriors) -> tuple[Nodes, PendulumFit]:
         """Fit the strengths to a thinned record if it is long, then fit the whole record."""
@@ -275,7 +282,8 @@ class PendulumSmoother(Estimator):
             "offset_if_fixed_m": solved.fixed,
             "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
         } | (_of_jib(found) if jib.moves else {})
-        if jib.moves and not jib.sensed and "roll_deg" in calibration.assumed:
+        if solved.rolls:
+            diagnostics["roll_error"] = found.parameters[ROLL]
             diagnostics["roll"] = wrap(np.deg2rad(calibration.roll_deg) + found.parameters[ROLL])
             diagnostics["roll_sd"] = np.sqrt(minimum.covariance[ROLL, ROLL])
         swing = None

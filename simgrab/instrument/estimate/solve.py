@@ -49,7 +49,7 @@ def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Arra
     """Give an estimator what it uses: the controller's report of jib and wind, and the detector's deviation."""
     stated, given = pixel_sd[pixel_sd > 0], dict[str, Any]()
     estimator = in_wind(estimator, controller, time)
-    if controller is not None and controller.reports_motion:
+    if controller is not None and (controller.reports_motion or (controller.load is not None and estimator.needs_imu)):
         given["controller"] = controller
     if len(stated):
         given["wander_px"] = float(np.median(stated))

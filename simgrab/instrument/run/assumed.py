@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from simgrab.instrument.angles import NORMAL
 from simgrab.instrument.contract import Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known, far_offset, tested_offsets
 from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
@@ -17,7 +18,6 @@ from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
-NORMAL = 1.96  # two-sided quantile, 95 %
 ROPE_M = 20.0  # of an example
 LEAST_BOXES = 40
 LEAST_STRAIGHT = 0.5  # cosine of twice the yaw, below which the sides of a box hardly show those of the grab
