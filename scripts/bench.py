@@ -1,16 +1,16 @@
 """Measure simgrab on this machine. Ratios are taken pair by pair within one run, so that a noisy machine cancels.
 
-python -m scripts.bench render --scene quay-day       # a finished frame beside other renderers
-python -m scripts.bench scale --scene training        # what a plan of a large run starts from
-python -m scripts.bench dataset --scene training --workers 1,2,4 --reference FOLDER   # from command to manifest
-python -m scripts.bench motion                        # the physics of a clip
-python -m scripts.bench world                         # night, weather, optics and display
-python -m scripts.bench detect --yolo FILE.onnx       # from a picture to box, centre and rope length
-python -m scripts.bench run VIDEO                     # from video to angle
+scripts/python -m scripts.bench render --scene quay-day       # a finished frame beside other renderers
+scripts/python -m scripts.bench scale --scene training        # what a plan of a large run starts from
+scripts/python -m scripts.bench dataset --scene training --workers 1,2,4 --reference FOLDER   # from command to manifest
+scripts/python -m scripts.bench motion                        # the physics of a clip
+scripts/python -m scripts.bench world                         # night, weather, optics and display
+scripts/python -m scripts.bench detect --yolo FILE.onnx       # from a picture to box, centre and rope length
+scripts/python -m scripts.bench run VIDEO                     # from video to angle
 
 Each takes --json FILE, which keeps every sample with machine, versions and commit. Two such files are compared with
 
-python -m scripts.bench compare A.json B.json
+scripts/python -m scripts.bench compare A.json B.json
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Make weights of the detector and of the digit reader: ``python -m scripts.build_weights``.
+"""Make weights of the detector and of the digit reader: ``scripts/python -m scripts.build_weights``.
 
 Renders what is learned from into ``--work``, trains there, and copies nets and cards. What is interrupted goes on when
 the same command is given again; to start over, give an empty ``--work``. Needs ``simgrab[train]``.

@@ -1,6 +1,6 @@
 """Score early warnings of swings beyond 10° on simulated work, without pictures; fit their threshold.
 
-    python -m scripts.early_warning [--ordinary 60] [--dangerous 30] [--work runs/early-warning]
+    scripts/python -m scripts.early_warning [--ordinary 60] [--dangerous 30] [--work runs/early-warning]
 
 Clips of five minutes: ordinary working cycles, and work that slews hard. The instrument gets the true direction OA with
 1.3 px of noise at 9 frames/s, a tilt that errs by 0.13° per axis, as one from a calm recording does, and a rope length

@@ -1,6 +1,6 @@
 """Render clips, measure them by the bundled instrument or another detector, and print what limits the angle in each.
 
-    python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm] [--work runs/budget]
+    scripts/python -m scripts.error_budget [--minutes 5] [--rate 3] [--only calm] [--work runs/budget]
         [--grab SCENE] [--detector FOLDER]
 
 Working cycles with the camera 0.6 m beside the rope exit, through picture, detector and reader; the camera file states

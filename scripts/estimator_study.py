@@ -1,6 +1,6 @@
 """Print errors of α and their coverage by mount, weather, length of the record and input, without pictures.
 
-    python -m scripts.estimator_study [--mount levelled] [--weather fog] [--seconds 60] [--input controller] …
+    scripts/python -m scripts.estimator_study [--mount levelled] [--weather fog] [--seconds 60] [--input controller] …
 
 The crane works. The estimator gets the true grab centre with the detector's errors in that weather, the rope length in
 centimetres, an offset with an error of 5 cm per coordinate, and the mean wind. Each clip of ten minutes is

@@ -1,4 +1,4 @@
-"""Judge detectors on pictures not rendered by simgrab: ``python -m scripts.foreign_exam --blender PYTHON``.
+"""Judge detectors on pictures not rendered by simgrab: ``scripts/python -m scripts.foreign_exam --blender PYTHON``.
 
 PYTHON is an interpreter that can import bpy, Blender as a module (GPL; simgrab does not depend on it). Without it the
 worlds that are complete are scored, also of a run in progress. Each world has one frame. simgrab labels it and renders

@@ -1,4 +1,4 @@
-"""Does simgrab survive whatever file it is given? ``python -m scripts.fuzz [--only KIND] [--count N] [--seed S]``.
+"""Does simgrab survive any file? ``scripts/python -m scripts.fuzz [--only KIND] [--count N] [--seed S]``.
 
 Makes hostile files of every kind that a user hands to simgrab by damaging the bytes of sound ones; half of the
 documents, tables and nets by replacing their values. Opens each as the command line does. The law: it is accepted, or

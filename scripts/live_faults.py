@@ -1,6 +1,6 @@
 """Measure a live stream on this machine with injected faults; print how soon each is reported, time and memory.
 
-    python -m scripts.live_faults [--minutes 480] [--faults 20] [--work runs/live-faults]
+    scripts/python -m scripts.live_faults [--minutes 480] [--faults 20] [--work runs/live-faults]
 
 A server sends a crane's work in real time, 9 small pictures a second as MPEG-TS, and appends what a controller reports
 to a CSV file. A picture shows its number, by which detector and reader look up the true grab centre, with 1.3 px of

@@ -1,4 +1,4 @@
-"""Score the bundled detector on altered pictures: ``python -m scripts.looks DATASET...``, made by `simgrab render`.
+"""Score the bundled detector on altered pictures: `scripts/python -m scripts.looks DATASET...`, from `simgrab render`.
 
 Prints, for each look: grabs found, those of them that are missed as rendered and the other way round; COCO's mAP50-95,
 and its change with the 95 % interval over resampled worlds; the centre's error; and false boxes.

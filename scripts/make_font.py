@@ -1,4 +1,4 @@
-"""Cut the display's font out of WenQuanYi Micro Hei: `python -m scripts.make_font [wqy-microhei.ttc]`, from the root.
+"""Cut the display's font out of WenQuanYi Micro Hei: `scripts/python -m scripts.make_font [wqy-microhei.ttc]`.
 
 The collection comes with Debian's fonts-wqy-microhei. Needs fontTools, which matplotlib brings.
 """

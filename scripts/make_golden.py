@@ -1,4 +1,4 @@
-"""Keep small pictures of bundled scenes, so that a changed appearance is detected: ``python -m scripts.make_golden``.
+"""Keep small pictures of bundled scenes, to detect a changed appearance: ``scripts/python -m scripts.make_golden``.
 
 `tests/world/test_golden.py` asks for the same bytes with the same renderer and packages, and for similarity otherwise.
 """

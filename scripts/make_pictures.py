@@ -1,4 +1,4 @@
-"""Make the pictures of README and docs: ``python -m scripts.make_pictures [NAME ...]``, by default all of them.
+"""Make the pictures of README and docs: ``scripts/python -m scripts.make_pictures [NAME ...]``, by default all of them.
 
 Those of the pages of `simgrab browse` and `simgrab studio` need Chromium. The film's 30 s are `alarm-cycles` from 89 s
 on, in real time: the grab is hoisted, slewed and braked too hard. ``sheets`` are for looking at: contact sheets of 24

@@ -1,4 +1,4 @@
-"""Write ``docs/scene-keys.md`` from the JSON schema of scene files: ``python -m scripts.make_reference``."""
+"""Write ``docs/scene-keys.md`` from the JSON schema of scene files: ``scripts/python -m scripts.make_reference``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class _KeysPage:
     def lines(self) -> Iterator[str]:
         yield "# Scene keys"
         yield ""
-        yield "<!-- Written by python -m scripts.make_reference. -->"
+        yield "<!-- Written by scripts/python -m scripts.make_reference. -->"
         yield ""
         yield (
             "Every key of a scene file, from the [JSON schema](writing-scenes.md#write-a-scene-file) of simgrab. "

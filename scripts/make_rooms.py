@@ -1,6 +1,6 @@
 """Draw docs/rooms.svg: the rooms of the package, and what each may import, as the test of imports has it.
 
-python -m scripts.make_rooms
+scripts/python -m scripts.make_rooms
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Write the tables that docs repeat from the code: ``python -m scripts.make_tables [--check]``."""
+"""Write the tables that docs repeat from the code: ``scripts/python -m scripts.make_tables [--check]``."""
 
 from __future__ import annotations
 

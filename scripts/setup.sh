@@ -1,4 +1,4 @@
-# Sourced by scripts/simgrab, scripts/test and .ci/run: puts uv on the PATH and makes sure that something can draw
+# Sourced by the scripts beside it and by .ci/run: puts uv on the PATH and makes sure that something can draw
 # offscreen. What is missing is installed with Debian's apt-get, or the exact command is printed where that takes another
 # user.
 

@@ -1,4 +1,4 @@
-"""Print the key figures of a finished laboratory as a Markdown table: ``python -m scripts.stress_table FOLDER``.
+"""Print the key figures of a finished laboratory in Markdown: ``scripts/python -m scripts.stress_table FOLDER``.
 
 FOLDER is what ``simgrab stress --all --out FOLDER`` made. Of each study: the error of α̂ at a true 10° in the worst
 direction, mean over replications, at the worst value of its axes.

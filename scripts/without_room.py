@@ -1,6 +1,6 @@
 """Delete rooms of the package from a copy of the checkout, and run the remaining tests there.
 
-    python -m scripts.without_room lab pages -- -n 2 tests
+    scripts/python -m scripts.without_room lab pages -- -n 2 tests
 
 What stands after ``--`` is given to pytest; by default all tests run.
 """

@@ -25,7 +25,7 @@ def command(source: Path, detector_name: str, out: Path | None, as_json: bool) -
     """Detect the grab in SOURCE: an image, a folder of images, or a dataset.
 
     The table has u_px, v_px, which `simgrab estimate` reads. For a dataset it counts how many boxes its labels confirm;
-    `python -m scripts.score_detector`, in a checkout, compares more.
+    `scripts/python -m scripts.score_detector`, in a checkout, compares more.
     """
     from simgrab.cli._progress import bar
     from simgrab.instrument.detect import pictures as detections

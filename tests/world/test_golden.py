@@ -1,4 +1,4 @@
-"""Bundled scenes look as they did. After a change that is meant: ``python -m scripts.make_golden``, and look at it."""
+"""Bundled scenes look as they did. After an intended change: ``scripts/python -m scripts.make_golden``, and look."""
 
 import hashlib
 import json
