@@ -42,7 +42,7 @@ _ASIDE = 0.05  # share of the width by which the centre of mass may lie beside t
 _COARSE_M = 0.002  # steps of coordinates that show
 _EVEN, _UNEVEN, _SLICES = 0.1, 0.03, 50  # along an axis: may be even, differs from another, and how finely measured
 _MOST_LISTED = 20  # groups of nodes, and nodes
-_HEAVY = 0.5  # share of the mass in one closed piece
+_HEAVY = 0.5  # share of the mass in one closed surface
 _TILE, _AZIMUTHS, _ROPE_M = 480, 4, 12.0
 PAGE, PICTURE = "grab.html", "turntable.jpg"
 
@@ -199,7 +199,8 @@ def _facts(keys: Mesh, model: models.ModelFile, reading: ImportedModel, made: De
     mass = made.mass_of(0.0, 0.0)
     up = f"{usual_up(model)} (the format's usual one)" if keys.up == "auto" else keys.up
     others = sorted(set(model.files) - {model.name})
-    closed = sum(piece.closed for piece in parts)
+    surfaces = [surface for piece in parts for surface in piece.surfaces]
+    closed = sum(surface.closed for surface in surfaces)
     materials = {one.material.name: one.material for piece in parts for one in piece.parts}
     textured = sum(material.texture is not None for material in materials.values())
     painted = "body" in materials
@@ -208,9 +209,9 @@ def _facts(keys: Mesh, model: models.ModelFile, reading: ImportedModel, made: De
         ("refers to", ", ".join(others) or "no other file"),
         ("scale, up", f"{keys.scale:g} m a unit; {up} points up; turned by {keys.yaw_deg:g}°"),
         ("size", f"{width:.2f} m across the jaws × {length:.2f} m along them × {height:.2f} m high"),
-        ("triangles", f"{sum(len(one.mesh.faces) for piece in parts for one in piece.parts):,}"),
-        ("pieces", f"{len(parts)}, all closed" if closed == len(parts) else
-                   f"{len(parts)}, of which {closed} are closed; the others are drawn from both sides"),
+        ("triangles", f"{sum(piece.file_faces for piece in parts):,}"),
+        ("surfaces", f"{len(surfaces)} separate ones, " + ("all closed" if closed == len(surfaces) else
+                     f"of which {closed} are closed; nodes with others are drawn from both sides")),
         ("nodes", _listed(parts)),
         ("materials", f"{len(materials)}, of which {textured} with a texture"
                       + ("; paint_rgb, wear and residue apply" if painted else "")),
@@ -224,7 +225,7 @@ def _facts(keys: Mesh, model: models.ModelFile, reading: ImportedModel, made: De
                            for jaw in keys.jaws) or "none: this grab does not open"),
         ("keypoints", f"ends of ropes: {len(made.terminations)}; ends of lips: {sum(map(len, made.lips.values()))}"),
         ("mass", f"{mass.mass:,.0f} kg" + ("" if keys.mass_kg else
-                 f" (estimated: closed pieces as solid steel, others as {1e3 * PLATE_M:g} mm plates)")),
+                 f" (estimated: closed surfaces as solid steel, others as {1e3 * PLATE_M:g} mm plates)")),
         ("moments of inertia", f"{_metres([i / 1e3 for i in mass.inertia])} t m² about the centre of mass, "
                                f"{mass.centre_z:+.2f} m from A"),
         ("wind", f"Cd·A = {made.cd_a_m2:.1f} m²" + ("" if keys.drag_area_m2 is not None else " (from the outline)")),
@@ -314,18 +315,22 @@ def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
     found = _doubts_of_size(size)
     if size[2] < 0.35 * size[:2].max():
         found.append("It is much lower than wide: check up.")
-    holes = [piece for piece in parts if not piece.closed]
+    surfaces = [(surface, piece.nodes[0]) for piece in parts for surface in piece.surfaces]
+    holes = [surface for surface, _ in surfaces if not surface.closed]
     if holes:
-        area = sum(piece.area_m2 for piece in holes) / sum(piece.area_m2 for piece in parts)
-        names = ", ".join(piece.nodes[0] for piece in holes[:6]) + (", …" if len(holes) > 6 else "")
-        found.append(f"{len(holes)} of {len(parts)} pieces have holes, or edges of more than two faces ({area:.0%} "
-                     f"of the surface): {names}.")  # fmt: skip
-    m3 = [abs(float(piece.solid.volume)) for piece in parts]
-    heaviest = parts[int(np.argmax(m3))]
-    if heaviest.closed and len(parts) > 1 and max(m3) > _HEAVY * sum(m3):
-        found.append(f"{heaviest.nodes[0]}, which is closed, is taken as solid steel, {max(m3) / sum(m3):.0%} of the "
+        area = sum(surface.area_m2 for surface in holes) / sum(surface.area_m2 for surface, _ in surfaces)
+        nodes = list(dict.fromkeys(node for surface, node in surfaces if not surface.closed))
+        names = ", ".join(nodes[:6]) + (", …" if len(nodes) > 6 else "")
+        found.append(f"{len(holes)} of {len(surfaces)} surfaces have holes, or edges of more than two faces, in "
+                     f"{names} ({area:.0%} of the area): taken as hollow, of {1e3 * PLATE_M:g} mm plates. Close what "
+                     "is solid steel.")  # fmt: skip
+    m3 = [float(surface.solid.volume) for surface, _ in surfaces]
+    heaviest, node = surfaces[int(np.argmax(m3))]
+    if heaviest.closed and len(surfaces) > 1 and max(m3) > _HEAVY * sum(m3):
+        sides = " × ".join(f"{side:.2f}" for side in np.ptp(heaviest.solid.triangles, axis=(0, 1)))
+        found.append(f"A closed surface of {node}, {sides} m, is taken as solid steel, {max(m3) / sum(m3):.0%} of the "
                      "mass. If it is hollow, leave a face open: mass_kg does not move the centre of mass.")  # fmt: skip
-    faces = sum(len(one.mesh.faces) for piece in parts for one in piece.parts)
+    faces = sum(piece.file_faces for piece in parts)
     if faces > MANY_FACES:
         found.append(f"{faces:,} triangles take long to draw; {MANY_FACES:,} are plenty at these distances.")
     frames = made.frames(0.0)

@@ -220,6 +220,24 @@ def test_reversed_faces_of_a_closed_piece_are_put_right(tmp_path, reversed_faces
     assert not any("holes" in doubt for doubt in checked(tmp_path / "a.ply").doubts)
 
 
+@pytest.mark.parametrize("opened", [False, True])
+def test_solids_that_touch_in_one_mesh_are_solid(tmp_path, opened):
+    """The edges of the sides where two boxes meet have four faces each; a third box stands apart."""
+    cubes = [trimesh.creation.box((1, 1, 1)) for _ in range(3)]
+    for place, cube in enumerate(cubes):
+        cube.apply_translation((1.0 * place + (place > 1) / 4, 0, 0))
+    if opened:
+        cubes[2].update_faces(np.arange(12) > 0)
+    trimesh.util.concatenate(cubes).export(tmp_path / "a.stl")
+    found = checked(tmp_path / "a.stl")
+    mass = design_of(Mesh.of(tmp_path / "a.stl")).bodies[0].mass_kg
+    assert mass == pytest.approx(7850 * (2 + 5.5 * 0.012 if opened else 3), rel=1e-6)
+    stated = "2 separate ones, of which 1 are closed" if opened else "2 separate ones, all closed"
+    assert dict(found.facts)["surfaces"].startswith(stated)
+    assert dict(found.facts)["triangles"] == ("35" if opened else "36")  # of the file
+    assert any("taken as hollow" in doubt for doubt in found.doubts) == opened
+
+
 def test_jaws_slide(files):
     jaws = (JAWS[0], Jaw(node="HookRight", axis=(2.0, 0.0, 0.0), stroke_m=0.4))
     design = design_of(Mesh.of(files["glb"], jaws=jaws))
@@ -584,7 +602,7 @@ def test_the_check_doubts_a_solid_piece_that_has_most_of_the_mass(tmp_path, holl
         scene.geometry["Head"].update_faces(np.arange(12) > 0)
     scene.export(tmp_path / "a.glb")
     found = checked(tmp_path / "a.glb", {"grab.up": "z"})
-    assert ("Head, which is closed, is taken as solid steel, 86% of the mass" in " ".join(found.doubts)) != hollow
+    assert ("of Head, 1.00 × 1.00 × 1.50 m, is taken as solid steel, 86%" in " ".join(found.doubts)) != hollow
     assert dict(found.facts)["hangs as"].startswith("one-body")
 
 

@@ -45,6 +45,24 @@ _READERS = {"glb": gltf.read, "gltf": gltf.read, "obj": obj.read, "ply": ply.rea
 
 
 @dataclass(frozen=True, eq=False)
+class Surface:
+    """What is connected of a geometry.
+
+    Attributes
+    ----------
+    solid : Trimesh
+        The steel: a closed surface's inside, and an open one as plates of `PLATE_M`.
+    closed : bool
+        Whether it is watertight.
+    area_m2 : float
+    """
+
+    solid: trimesh.Trimesh
+    closed: bool
+    area_m2: float
+
+
+@dataclass(frozen=True, eq=False)
 class Piece:
     """One geometry of a model, where it stands in the file's frame: metres, z up.
 
@@ -54,18 +72,27 @@ class Piece:
         One part, or one for each colour of its faces.
     nodes : tuple of str
         Names of the node that shows it and of all its ancestors.
-    closed : bool
-        Whether all of it is watertight.
-    area_m2 : float
-    solid : Trimesh
-        The steel: closed parts unchanged, and open ones as plates of `PLATE_M`.
+    surfaces : tuple of Surface
     """
 
     parts: tuple[Part, ...]
     nodes: tuple[str, ...]
-    closed: bool
-    area_m2: float
-    solid: trimesh.Trimesh
+    surfaces: tuple[Surface, ...]
+
+    @property
+    def closed(self) -> bool:
+        """Whether all surfaces are."""
+        return all(surface.closed for surface in self.surfaces)
+
+    @cached_property
+    def solid(self) -> trimesh.Trimesh:
+        """The steel of all surfaces."""
+        return trimesh.util.concatenate([surface.solid for surface in self.surfaces])
+
+    @property
+    def file_faces(self) -> int:
+        """How many triangles the file shows: open ones are drawn from both sides."""
+        return sum(len(part.mesh.faces) for part in self.parts) // (1 if self.closed else 2)
 
     @property
     def vertices(self) -> Array:
@@ -331,7 +358,8 @@ def _piece(shape: Shape, vertices: Array, materials: ShapeMaterials) -> Piece | 
         return None
     merged = trimesh.Trimesh(vertices, shape.faces[kept], process=False)
     merged.merge_vertices(merge_tex=True, merge_norm=True)
-    solid, closed, outwards = _solid(merged)
+    surfaces, outwards = _surfaces(merged)
+    closed = all(surface.closed for surface in surfaces)
     parts = []
     turned = shape.faces.copy()
     turned[np.flatnonzero(kept)[~outwards]] = turned[np.flatnonzero(kept)[~outwards], ::-1]
@@ -349,35 +377,53 @@ def _piece(shape: Shape, vertices: Array, materials: ShapeMaterials) -> Piece | 
             own_uv = None if own_uv is None else np.concatenate([own_uv, own_uv])
         mesh = trimesh.Trimesh(own, triangles, process=False)
         parts.append(Part(f"{shape.nodes[0]}/{number}", mesh, material, own_uv))
-    return Piece(tuple(parts), shape.nodes, closed, float(merged.area), solid)
+    return Piece(tuple(parts), shape.nodes, surfaces)
 
 
-def _solid(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, bool, NDArray[np.bool_]]:
-    """Return the steel of a mesh, whether all of it is closed, and which faces look outwards, if known.
-
-    Separate pieces are judged one by one.
-    """
+def _surfaces(mesh: trimesh.Trimesh) -> tuple[tuple[Surface, ...], NDArray[np.bool_]]:
+    """Return the surfaces of a mesh, and which faces look outwards, if known."""
     labels, turned = _orientation(mesh)
-    outwards, solids, closed = np.ones(len(mesh.faces), bool), [], True
+    labels = _joined(mesh, labels)
+    outwards, found = np.ones(len(mesh.faces), bool), []
     order = np.argsort(labels, kind="stable")
     for own_faces in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         one = trimesh.Trimesh(mesh.vertices, mesh.faces[own_faces], process=False)
-        if one.is_watertight and not one.is_winding_consistent:
-            outwards[own_faces] = ~turned[own_faces]
+        closed = _closed(one)
+        if not closed:
             one.faces = np.where(turned[own_faces, None], one.faces[:, ::-1], one.faces)
+            closed = _closed(one)
+            outwards[own_faces] = ~(turned[own_faces] & closed)
         corners = np.asarray(one.triangles) - one.triangles[0, 0]
         volume = float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6
         # A sheet whose back is a second surface is closed too, and holds nothing.
-        if one.is_watertight and one.is_winding_consistent and abs(volume) > LEAST_M * float(one.area):
+        if closed and abs(volume) > LEAST_M * float(one.area):
             if volume < 0:
                 outwards[own_faces] ^= True
                 one.invert()
-            solids.append(one)
+            found.append(Surface(one, True, float(one.area)))
         else:
-            closed = False
             one.update_faces(one.unique_faces())
-            solids.append(_plates(one))
-    return trimesh.util.concatenate(solids), closed, outwards
+            found.append(Surface(_plates(one), False, float(one.area)))
+    return tuple(found), outwards
+
+
+def _closed(mesh: trimesh.Trimesh) -> bool:
+    """Return whether as many faces pass each edge forwards as backwards: two where nothing else touches it."""
+    forwards = np.where(mesh.edges[:, 0] < mesh.edges[:, 1], 1, -1)
+    return not np.bincount(mesh.edges_unique_inverse, forwards).any()
+
+
+def _joined(mesh: trimesh.Trimesh, labels: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Join pieces that only edges of more than two faces close, as where two plates touch along an edge."""
+    edges, faces = mesh.edges_unique_inverse, len(mesh.faces)
+    total = np.bincount(edges)
+    own, count = np.unique(labels[mesh.edges_face].astype(np.int64) * len(total) + edges, return_counts=True)
+    piece, edge = np.divmod(own, len(total))
+    meets = (count % 2 == 1) & (total[edge] > 2)
+    links = coo_array(
+        (np.ones(meets.sum(), bool), (piece[meets], faces + edge[meets])), shape=2 * (faces + len(total),)
+    )
+    return np.asarray(connected_components(links, directed=False)[1])[labels]
 
 
 def _orientation(mesh: trimesh.Trimesh) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
