@@ -43,6 +43,7 @@ _COARSE_M = 0.002  # steps of coordinates that show
 _EVEN, _UNEVEN, _SLICES = 0.1, 0.03, 50  # along an axis: may be even, differs from another, and how finely measured
 _MOST_LISTED = 20  # groups of nodes, and nodes
 _HEAVY = 0.5  # share of the mass in one closed surface
+_ASSUMED_M = 0.02  # from steel: assumed ends of ropes lie in no ring's middle
 _TILE, _AZIMUTHS, _ROPE_M = 480, 4, 12.0
 PAGE, PICTURE = "grab.html", "turntable.jpg"
 
@@ -336,10 +337,9 @@ def _doubts(keys: Mesh, parts: list[Piece], made: Design) -> list[str]:
     frames = made.frames(0.0)
     steel = trimesh.util.concatenate([b.steel.copy().apply_transform(frames[b.name]) for b in made.bodies])
     advice = "check rope_ends_m, in metres from the file's origin, z up" if keys.rope_ends_m else "give rope_ends_m"
-    for i, end in enumerate(made.terminations):
-        away = distance(steel, end)
-        if away > IN_AIR_M:
-            found.append(f"Rope {i} ends {away:.2f} m from any steel: {advice}.")
+    away = [distance(steel, end) for end in made.terminations]
+    if max(away) > (IN_AIR_M if keys.rope_ends_m else _ASSUMED_M):
+        found.append(f"Ropes end up to {max(away):.2f} m from any steel: {advice}.")
     if made.terminations[:, 2].min() < low[2] + 0.6 * size[2]:
         found.append("The ropes end in the lower part: check up and rope_ends_m.")
     kg = np.array([body.mass_kg for body in made.bodies])

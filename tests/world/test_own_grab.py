@@ -541,6 +541,15 @@ def test_the_check_doubts_jaws_that_close_as_they_open_and_what_lies_in_the_air(
     assert re.search(doubt, doubts) and len(set(about_jaws)) == 1 if doubt else not about_jaws
 
 
+@pytest.mark.parametrize("stated", [False, True])
+def test_the_check_doubts_assumed_rope_ends_beside_the_steel(tmp_path, stated):
+    """Stated ones may be the middle of a ring."""
+    boxes(("Head", (1, 1, 0.1), (0, 0, 0)), ("Mast", (0.1, 0.1, 1), (0, 0, 0.5))).export(tmp_path / "a.glb")
+    ends = [(x, y, 1.0) for x, y in ((0.1, 0.175), (-0.1, 0.175), (-0.1, -0.175), (0.1, -0.175))]
+    doubts = checked(tmp_path / "a.glb", {"grab.up": "z"} | ({"grab.rope_ends_m": ends} if stated else {})).doubts
+    assert any("Ropes end up to 0.13 m from any steel: give rope_ends_m" in doubt for doubt in doubts) != stated
+
+
 @pytest.mark.parametrize("shown_open", [False, True])
 @pytest.mark.parametrize("grab", [Clamshell(), OrangePeel(), OrangePeel(tines=3, shells="open"), Scissors()])
 def test_the_check_doubts_a_file_that_shows_the_grab_open(tmp_path, grab, shown_open):
