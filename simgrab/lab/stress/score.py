@@ -21,7 +21,7 @@ COLUMNS = MappingProxyType(
     {
         "beta_error_deg": "β̂ − β",
         "tilt_error_deg": "angle between the estimated and the true vertical in the camera frame",
-        "sigma_error_deg": "σ̂ − σ, against √E[α²]",
+        "sigma_error_deg": "σ̂ − σ, against √E[α²] of the distribution, or of the record where physics moves the grab",
         "alpha_error_deg": "mean of α̂ − α over the frames",
         "alpha_rms_deg": "root mean square of α̂ − α over the frames",
         "alpha_most_deg": "largest |α̂ − α| of a frame",
