@@ -135,6 +135,7 @@ def stress(
     frames: int | None = None,
     replications: int | None = None,
     seed: int | None = None,
+    progress: Progress | None = None,
 ) -> pa.Table:
     """Run a study in this process, with estimators of your own beside those that it names.
 
@@ -147,6 +148,8 @@ def stress(
         ``estimate(pixels, calibration, *, rope_length, time)`` that returns an `Estimate`; see docs/stressing.md.
     frames, replications, seed : int, optional
         In place of the study's own.
+    progress : callable, optional
+        Called with (replications done, replications in all), each at one point.
 
     Returns
     -------
@@ -176,8 +179,12 @@ def stress(
     chosen = resized(chosen, frames, replications, seed)
     chosen = msgspec.structs.replace(chosen, estimators=(*chosen.estimators, *(own or {})))
     summary = StudySummary(chosen, columns(chosen.kind))
+    done, total = 0, len(chosen.points) * chosen.replications
     for part in parts(chosen):
         summary.add(make(chosen, part, own))
+        done += part.last - part.first
+        if progress:
+            progress(done, total)
     return summary.table()
 
 

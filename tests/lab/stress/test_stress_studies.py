@@ -147,7 +147,12 @@ def test_of_an_estimator_that_returns_angles_alone_the_rest_is_computed_or_empty
 
 def test_an_estimator_object_is_studied_from_python():
     study = {"name": "n", "title": "n", "estimators": ["paper"], "axes": [{"axis": "n", "values": [10, 100]}]}
-    rows = simgrab.stress(study, {"mine": Stubborn()}, replications=20).to_pylist()
+    steps = []
+    rows = simgrab.stress(
+        study, {"mine": Stubborn()}, replications=20, progress=lambda *step: steps.append(step)
+    ).to_pylist()
+    assert steps == sorted(set(steps))
+    assert steps[-1] == (40, 40)
     named = summed(catalogue.read(study | {"replications": 20, "estimators": ["paper", f"{__name__}:Stubborn"]}))
     expected = named.table().to_pylist()
     assert [row["estimator"] for row in rows] == [
