@@ -112,7 +112,7 @@ def test_what_can_be_taken_up_again_says_how(stop, line, begun, monkeypatch, end
 
     monkeypatch.setattr("simgrab.dataset.render.render", render)
     _, said = ended("render", "--frames", "1", "--out", "out")
-    advice = "; run the same command with --resume to continue in out" if begun else ""
+    advice = "; run the same command with --resume to continue in out" if begun else "; nothing was written"
     assert said.strip().splitlines()[-1] == f"simgrab: {line.format(advice)}"
 
 

@@ -25,6 +25,8 @@ from simgrab.instrument.detect import WEIGHTS, GrabDetector  # noqa: E402
 from simgrab.instrument.detect.patches import COARSE_HEIGHT, COARSE_WIDTH, POSE_CHANNELS, POSE_SIZE  # noqa: E402
 from simgrab.instrument.net import KEY, open_net  # noqa: E402
 from simgrab.model.scenario import Mesh, variants  # noqa: E402
+from simgrab.model.scenes import load  # noqa: E402
+from simgrab.training.cli.train import _frames_of  # noqa: E402
 from simgrab.training.detector import evaluate, settings  # noqa: E402
 from simgrab.training.detector.nets import Coarse, Pose, pretrained  # noqa: E402
 from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402
@@ -170,6 +172,21 @@ def test_a_detector_learns_a_users_own_grab(tmp_path):
     assert len({row.variant for row in known.rows}) == 10
     assert known.scenario.grab.file == "ball.stl"
     assert (tmp_path / "out" / "pose.onnx").exists()
+
+
+@pytest.mark.parametrize("started", [False, True])
+def test_frames_that_are_interrupted_say_what_is_kept(tmp_path, monkeypatch, started):
+    def interrupted(_scene, out, **_):
+        if started:
+            out.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("simgrab.dataset.render.render", interrupted)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        _frames_of(load("training-shapes"), tmp_path / "out", shown=False)
+    frames = tmp_path / "out-frames"
+    said = f"run the same command to continue in {frames}" if started else "nothing was written"
+    assert stopped.value.__notes__ == [said]
 
 
 @pytest.mark.parametrize(("options", "message"), [

@@ -114,7 +114,7 @@ def detector(
     """Train the detector from DATASETS of `simgrab render`: trained on their split train, validated on val.
 
     OUT gets coarse.onnx and pose.onnx, which --detector takes as a folder, each with a model card.
-    --from bundled --grab FILE trains on rendered frames of your own grab, about 30 minutes on two cores.
+    --from bundled --grab FILE trains on rendered frames of your own grab, in about 30 minutes on two cores.
     Figures of rendered and of real frames are kept apart.
     """
     from simgrab.training import need_torch
@@ -216,7 +216,7 @@ def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
     from simgrab.world.extensions import Recipe
 
     path, (workers, _) = out.with_name(f"{out.name}-frames"), automatic(Recipe(scene))
-    with drawing("rendering frames", shown=shown) as (progress, checking):
+    with resumable(path, option=""), drawing("rendering frames", shown=shown) as (progress, checking):
         render(scene, path, workers=workers, resume=True, progress=progress, checking=checking)
     return path
 
