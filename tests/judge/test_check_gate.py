@@ -554,6 +554,34 @@ def test_a_metric_that_is_not_there_fails_and_is_reported(place, tmp_path):
     assert 'give it swing.model = "dynamic"' in problems["alarm.missed"]  # independent frames know no time
 
 
+@pytest.mark.parametrize(
+    ("metric", "metrics", "reason"),
+    [
+        ("alarm.median_delay", {"events": 0}, "the true swing never exceeds 10°"),
+        ("alarm.recall", {"events": 0}, "the true swing never exceeds 10°"),
+        ("warning.lead_s", {"events": 0}, "the true swing never exceeds 10.5°"),
+        ("alarm.median_delay", {"events": 1, "already_on": 1},
+         "of 1 event of the true swing, 1 began while an alarm was on already"),
+        ("alarm.median_delay", {"events": 2, "already_on": 0}, "of 2 events of the true swing, 2 raised no alarm"),
+        ("alarm.median_delay", {"events": 3, "already_on": 1},
+         "of 3 events of the true swing, 1 began while an alarm was on already and 2 raised no alarm"),
+        ("warning.lead_s", {"events": 2}, "of 2 events of the true swing, 2 raised no warning"),
+        ("alarm.precision", {"events": 2}, "no frame is reported beyond 10°"),
+        ("warning.peak_coverage", {"events": 2}, "the instrument output no peak"),
+        ("warning.lead_s", {}, "the instrument output no warning"),
+        ("detection.recall", {}, "the instrument output no box"),
+        ("reading.length.p95_m", {}, "the scene has no such data"),
+    ],
+)  # fmt: skip
+def test_the_reason_for_a_figure_without_a_value_is_stated(sound_trial, metric, metrics, reason):
+    measured = [msgspec.structs.replace(m, box=None) for m in sound_trial.run.measurements]
+    run = dataclasses.replace(sound_trial.run, measurements=tuple(measured))
+    part = metric.partition(".")[0]
+    found = dataclasses.replace(sound_trial, run=run, metrics={f"{part}.{k}": float(v) for k, v in metrics.items()})
+    (verdict,) = verdicts.of_trial("swing", found, {metric: suite.Limit(lower=0)}, None, 1)
+    assert verdict.message == f"no value: {reason}"
+
+
 def test_an_instrument_that_misses_every_grab_has_no_recall(place, tmp_path):
     small = limited(tmp_path, {"detection.recall": {"lower": 0.5}})
     blind = Broken(lambda frames: [Measurement(status="missed", reason="dark") for _ in frames])
