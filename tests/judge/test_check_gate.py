@@ -778,7 +778,13 @@ def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypat
 def test_what_few_seeds_allow_is_said(place, tmp_path):
     small = suite.load(place / "small.toml")
     result = gate.record(small, options(place, sound, baseline=tmp_path), seeds=2)
-    assert result.of_suite[1].startswith("on other frames a figure may be worse by 1949 standard deviations")
+    warning = result.of_suite[1]
+    assert warning.startswith("warning: on other frames a figure may be worse by 1949 standard deviations")
+    later = check(place, baseline=tmp_path, seed=2)
+    assert later.of_suite == (warning,)
+    assert warning in ElementTree.fromstring(report.as_junit(later)).findtext(".//system-out")
+    assert warning in html.unescape(page.page(later))
+    assert not check(place, baseline=tmp_path, seed=1).of_suite  # which was recorded
 
 
 def test_the_command_fails_with_status_1(shell, tmp_path):

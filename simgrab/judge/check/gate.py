@@ -100,6 +100,9 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
         notes += (f"warning: limits between 0 and 1 on counts, which are no shares: {', '.join(shares)}",)
     _check_possible(suite, seed, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
+    labels = {name: scene.trial.dataset.data.labels_sha256 for name, scene in scenes.items() if scene.trial}
+    if recorded and any(digest not in recorded.scenes[name].labels for name, digest in labels.items()):
+        notes += _few(len(recorded.seeds), suite)
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
 
@@ -154,10 +157,18 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
         scenes[name] = replace(first, seconds=time.perf_counter() - begun, notes=tuple(notes))
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
-    if 1 < len(several) < FEW_SEEDS:
-        allowed = base.deviations(len(several), base.ends(suite))
-        done += (f"on other frames a figure may be worse by {allowed:.0f} standard deviations: record more --seeds",)
-    return Report(suite.name, instrument.name, suite.seed, (), done, scenes)
+    return Report(suite.name, instrument.name, suite.seed, (), done + _few(len(several), suite), scenes)
+
+
+def _few(seeds: int, suite: Suite) -> tuple[str, ...]:
+    """Warn that a baseline of so many seeds hardly tests other frames."""
+    if not 1 < seeds < FEW_SEEDS:
+        return ()
+    allowed = base.deviations(seeds, base.ends(suite))
+    return (
+        f"warning: on other frames a figure may be worse by {allowed:.0f} standard deviations, because the baseline "
+        f"has only {seeds} seeds: record more --seeds",
+    )
 
 
 def _instrument(suite: Suite, options: CheckOptions) -> Instrument:

@@ -161,7 +161,7 @@ def _nothing(metric: str, trial: Trial) -> str:
             "no value: alarms need frames in time, and this scene draws each on its own; give it swing.model = "
             '"dynamic", or move the limit into [scenes.NAME.limits] of one that has it, such as work-cycles'
         )
-    if metric in _OF_EVENTS and (why := _without_event(*metric.split("."), metrics)):
+    if metric in _OF_EVENTS and (why := _without_event(metric, metrics)):
         return f"no value: {why}"
     if metric == "alarm.precision":
         return "no value: no frame is reported beyond 10°"
@@ -176,8 +176,9 @@ def _nothing(metric: str, trial: Trial) -> str:
     return "no value: the scene has no such data"
 
 
-def _without_event(part: str, name: str, metrics: Metrics) -> str:
+def _without_event(metric: str, metrics: Metrics) -> str:
     """Return why no event of the true swing has a value; empty if that is not the reason."""
+    part, _, name = metric.partition(".")
     events = metrics.get(f"{part}.events")
     if events is None:
         return ""
