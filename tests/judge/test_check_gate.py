@@ -28,6 +28,7 @@ from test_mistakes import leaning, tilt_of
 import simgrab
 from simgrab.cli import cli
 from simgrab.errors import ScenarioError, SuiteError
+from simgrab.instrument.alarm import events
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
@@ -431,6 +432,46 @@ def test_a_figure_without_a_value_is_explained_by_no_other_error(place, tmp_path
     scene = scene_of(place, FAULTS["detector 2 px to the right"], small, baseline=None)
     assert [verdict.what for verdict in scene.verdicts if verdict.status == "failed"] == ["alarm.missed"]
     assert scene.causes == ""
+
+
+def swinging(rows, peak_deg):
+    """A swing of one period over the rows."""
+    alphas = np.abs(np.sin(np.linspace(0, np.pi, len(rows)))) * peak_deg
+    return tuple(msgspec.structs.replace(row, alpha_deg=float(a)) for row, a in zip(rows, alphas, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("peak_deg", "off_deg", "danger", "limits", "explained"),
+    [
+        (9.0, 2.0, None, {"alarm.sure": {"lower": 1}}, False),  # the scene has none
+        (9.0, 2.0, None, {"alarm.sure": {"lower": 1}, RMSE: {"upper": 1}}, True),
+        (12.0, 0.05, 0.0, {"alarm.missed": {"upper": 0}}, False),  # its angles exceed 10°
+        (12.0, -3.0, None, {"alarm.missed": {"upper": 0}}, True),
+        (12.0, 2.0, None, {"interval.width_deg": {"upper": 0.1}}, False),
+        (12.0, 2.0, None, {"interval.share": {"lower": 0.9}}, True),
+    ],
+)
+def test_only_limits_that_right_angles_would_meet_are_explained(
+    sound_trial, tmp_path, peak_deg, off_deg, danger, limits, explained
+):
+    """Of angles that differ by a constant."""
+    known = dataclasses.replace(sound_trial.known, rows=swinging(sound_trial.known.rows, peak_deg))
+    angles = np.abs(known.alpha + np.deg2rad(off_deg)).tolist()
+    measured = [
+        Measurement(status="ok", alpha=a, alpha_low=a - 0.01, alpha_high=a + 0.01, danger=danger) for a in angles
+    ]
+    times = 0.25 * np.arange(len(angles))
+    run = dataclasses.replace(
+        sound_trial.run, time=times, measurements=tuple(measured), events=events(times, measured),
+        about=sound_trial.run.about | {"tilt": None, "estimate": None},
+    )  # fmt: skip
+    found = evaluate(run, known)
+    trial_ = dataclasses.replace(
+        sound_trial, run=run, known=known, evaluation=found, metrics=trial.flat(found.to_dict())
+    )
+    scene = gate.judged("swing", trial_, limited(tmp_path, limits).limits)
+    assert {v.status for v in scene.verdicts} == {"failed"}
+    assert bool(scene.causes) == explained
 
 
 def test_frames_in_which_the_grab_hardly_swings_are_named(sound_trial, tmp_path):
