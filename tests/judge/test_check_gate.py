@@ -828,6 +828,16 @@ def test_what_few_seeds_allow_is_said(place, tmp_path):
     assert not check(place, baseline=tmp_path, seed=1).of_suite  # which was recorded
 
 
+@pytest.mark.parametrize("flaw", [{"sead": 1}, {"baseline": "small.toml"}])
+def test_no_result_of_an_earlier_check_remains_after_status_2(shell, place, tmp_path, flaw):
+    written = {"check.html", "check.json", "junit.xml"}
+    assert shell("--instrument", "pipelines:sound")[0] == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == written
+    with pytest.raises(SuiteError):
+        shell("--baseline", tmp_path / "none", at=write(tmp_path, **flaw))
+    assert not list((tmp_path / "out").iterdir())
+
+
 def test_the_command_fails_with_status_1(shell, tmp_path):
     status, out = shell("--instrument", "pipelines:shifted")
     assert status == 1
