@@ -220,6 +220,13 @@ def test_a_recorded_seed_beyond_a_limit_is_named(place, tmp_path):
     assert f"swing: warning: not met with seed 1: {RMSE}" in " ".join(recorded.notes)
 
 
+def test_nothing_is_recorded_where_a_limit_is_not_met(place, tmp_path):
+    result = gate.record(limited(tmp_path, {RMSE: {"upper": 0.001}}), options(place, sound, baseline=tmp_path / "new"))
+    assert not result.passed
+    assert result.of_suite[0].startswith("nothing was recorded, because limits are not met")
+    assert not (tmp_path / "new").exists()
+
+
 def test_limits_that_a_constant_answer_meets_are_named(place, tmp_path):
     result = check(place)
     (note,) = result.notes
