@@ -651,6 +651,12 @@ def raises(_):
     return 1 / 0
 
 
+@pytest.mark.parametrize(("act", "kind"), [(lambda _: None, "NoneType"), (lambda _: 3, "int")])
+def test_an_instrument_that_returns_no_list_is_reported_in_one_line(place, act, kind):
+    problem = failed(check(place, Broken(act), baseline=None))["instrument"]
+    assert problem == f"broken: must return a list, one Measurement for each frame; got {kind}"
+
+
 def test_an_instrument_that_breaks_is_a_failure_reported_in_one_line(place):
     problem = failed(check(place, Broken(raises), baseline=None))["instrument"]
     assert "ZeroDivisionError: division by zero" in problem

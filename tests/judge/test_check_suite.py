@@ -93,6 +93,17 @@ def test_a_broken_suite_is_reported_by_key(case, tmp_path):
         suite.load(put(tmp_path, **changes))
     assert str(problem.value).startswith(str(tmp_path))
     assert "\n" not in str(problem.value)
+    assert "got {" not in str(problem.value)
+
+
+def test_an_invalid_scene_file_is_named(tmp_path):
+    (tmp_path / "yard.toml").write_text('base = "quay-day"\nname = "yard"\n[camera]\nbeta_dg = 3.0\n')
+    place = f"{tmp_path}/mine.toml: scenes.calm: "
+    with pytest.raises(SuiteError, match=rf"^{place}{tmp_path}/yard.toml: camera.beta_dg: unknown key"):
+        suite.load(put(tmp_path, **scene(scene="yard.toml")))
+    (tmp_path / "yard.toml").write_text('base = "quay-day"\nname = "yard"\n')
+    with pytest.raises(SuiteError, match=rf"^{place}camera.betta_deg: unknown key"):
+        suite.load(put(tmp_path, **scene(scene="yard.toml", changes={"camera.betta_deg": 1})))
 
 
 def test_a_scene_whose_name_no_file_can_have_is_refused(tmp_path):

@@ -184,7 +184,7 @@ class Suite(Checked, frozen=True):
         try:
             scenario = scenes.load(scene.scene, changes, size=scenes.parse_size(size) if size else None)
         except ScenarioError as problem:
-            raise SuiteError(f"scenes.{name}: {problem}") from None
+            raise SuiteError(f"scenes.{name}: {_at_fault(scene.scene)}{problem}") from None
         varied = [part for key in scenario.vary for part in key.split("+") if part.startswith(CAMERA)]
         if varied:
             stands = scenes.load(scene.scene, changes).to_dict()  # a focal length in pixels is of the scene's own size
@@ -229,6 +229,15 @@ def load(suite: str | Path) -> Suite:
     except SuiteError as problem:
         raise SuiteError(f"{path}: {problem}") from None
     return found
+
+
+def _at_fault(scene: str) -> str:
+    """Begin a message with a scene's file, if a key of it is invalid; else empty."""
+    try:
+        scenes.load(scene)
+    except ScenarioError as problem:
+        return f"{scene}: " if problem.key and is_file(scene, SuiteError) else ""
+    return ""
 
 
 def _placed(suite: Suite, folder: Path) -> Suite:
