@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -693,6 +694,19 @@ def test_a_detection_that_is_invalid_is_a_failure_that_names_its_frame(place, ot
     assert problem.endswith(", in frame 9")
 
 
+def test_a_pipeline_that_is_slow_misses_a_limit_on_its_time(place, tmp_path):
+    def slow(frames):
+        time.sleep(0.8)
+        return [Measurement(status="missed", reason="dark") for _ in frames]
+
+    small = limited(tmp_path, {"time.per_frame_s": {"upper": 0.05}})
+    result = check(place, Broken(slow), small, baseline=None)
+    verdict, _ = result.verdicts
+    assert verdict.message.endswith("misses the limit ≤ 0.05")
+    assert verdict.value == pytest.approx(0.05, abs=0.05)
+    assert f"The pipeline took {verdict.value:.3g} s per frame." in page.page(result)
+
+
 def test_nothing_is_recorded_of_an_instrument_that_fails(place, tmp_path):
     small = suite.load(write(tmp_path))
     result = gate.record(small, options(place, Broken(raises), baseline=tmp_path / "new"))
@@ -842,7 +856,7 @@ def test_what_few_seeds_allow_is_said(place, tmp_path):
 
 
 @pytest.mark.parametrize("flaw", [{"sead": 1}, {"baseline": "small.toml"}])
-def test_no_result_of_an_earlier_check_remains_after_status_2(shell, place, tmp_path, flaw):
+def test_no_result_of_an_earlier_check_remains_after_status_2(shell, tmp_path, flaw):
     written = {"check.html", "check.json", "junit.xml"}
     assert shell("--instrument", "pipelines:sound")[0] == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == written
