@@ -76,6 +76,8 @@ BAD = {
     "size without height": ({"size": "640"}, "scenes.calm: size must be WIDTHxHEIGHT in pixels"),
     "size below the least": (scene(size="8x8"), "scenes.calm: camera.width_px"),
     "limit without ends": ({"limits": {"a": {"slack": 1}}}, "limits.a: a limit needs lower, upper or both"),
+    "slack of a text": ({"limits": {"a": {"upper": 1, "slack": "20"}}}, "limits.a: slack: must be a number or a share"),
+    "slack below 0": ({"limits": {"a": {"upper": 1, "slack": -1}}}, "limits.a.slack: "),
     "limit upside down": ({"limits": {"a": {"lower": 2, "upper": 1}}}, "limits.a: lower (2) must not be above upper"),
     "unknown metric": (
         {"limits": {"angle.overall.rmse_dge": {"upper": 1}}},

@@ -27,6 +27,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 Seed = Annotated[int, Meta(ge=0, le=2**53)]
 FOLDER = SCENES / "suites"
 CAMERA = ("camera.", "display.")  # inputs of an instrument, which may therefore not vary within a scene
+_SHARE = re.compile(r"\d+(\.\d+)? ?%")
 OWN_KEYS = ("frames", "seed")  # of a scenario, which the suite sets at a place of their own
 
 
@@ -37,21 +38,29 @@ class Limit(Checked, frozen=True):
     ----------
     lower, upper : float or None
         In the metric's own unit.
-    slack : float
-        A metric may always be worse than the baseline by this much.
+    slack : float or str
+        A metric may always be worse than the baseline by this much, or by a share of it, such as ``"20 %"``.
     """
 
     error = SuiteError
 
     lower: float | None = None
     upper: float | None = None
-    slack: Annotated[float, Meta(ge=0)] = 0.0
+    slack: Annotated[float, Meta(ge=0)] | str = 0.0
 
     def check(self) -> None:  # noqa: D102
         if self.lower is None and self.upper is None:
             raise ValueError("a limit needs lower, upper or both")
         if self.lower is not None and self.upper is not None and self.lower > self.upper:
             raise ValueError(f"lower ({self.lower:g}) must not be above upper ({self.upper:g})")
+        if isinstance(self.slack, str) and not _SHARE.fullmatch(self.slack):
+            raise ValueError(f"slack: must be a number or a share such as '20 %', got {self.slack!r}")
+
+    def allows(self, reference: float) -> float:
+        """By how much a metric may be worse than a value of the baseline."""
+        if isinstance(self.slack, str):
+            return float(self.slack.rstrip(" %")) / 100 * abs(reference)
+        return self.slack
 
     def excess(self, value: float) -> float:
         """By how much a value lies beyond the limits; 0 or negative within them."""
