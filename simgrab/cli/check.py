@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -42,13 +43,19 @@ def command(
     from simgrab.judge.check.page import page
     from simgrab.judge.check.table import show
 
+    try:
+        found = suites.load(suite)
+    except SuiteError:
+        with suppress(SuiteError):
+            report.clear(out or Path("runs") / f"check-{Path(suite).stem}")
+        raise
+    place = out or Path("runs") / f"check-{found.name}"
+    check_folder(place, SuiteError)
+    report.clear(place)
     if seeds is not None and not update:
         raise click.UsageError("--seeds needs --update-baseline")
     if seed is not None and update:
         raise click.UsageError("--seed cannot be combined with --update-baseline, which starts at the suite's seed")
-    found = suites.load(suite)
-    place = out or Path("runs") / f"check-{found.name}"
-    check_folder(place, SuiteError)
     sys.path.insert(0, str(Path.cwd()))  # a pipeline under test lies where one works
     with steps(shown=not (quiet or as_json)) as progress:
         options = gate.CheckOptions(instrument, baseline, seed, cache or default(), workers, cluster, progress)

@@ -214,6 +214,8 @@ def _read(problem: msgspec.ValidationError, data: Any, kind: Any) -> tuple[str, 
     key, structs = ".".join(steps), _structs_of(kind)
     if isinstance(cause := problem.__cause__, ScenarioError):  # of a struct within
         return ".".join(filter(None, (key, cause.key))), cause.problem
+    if isinstance(cause, InvalidError):
+        return key, str(cause)
     named = re.search(r"(missing required|contains unknown) field `(.*)`", text, re.DOTALL)
     if named and structs:
         dotted = f"{key}.{named[2]}" if key else named[2]

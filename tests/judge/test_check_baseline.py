@@ -58,6 +58,13 @@ def test_on_the_same_frames_only_the_slack_is_allowed():
     assert other.holds(0.9, limit)
 
 
+@pytest.mark.parametrize("labels", ["labels 1", "labels 7"])
+def test_a_slack_may_be_a_share_of_the_baseline(labels):
+    values = recorded([-0.5, -0.5, -0.5])
+    refs = [reference(values, "rmse", Limit(upper=9, slack=slack), labels, 10) for slack in ("20 %", "20.0%", 0.1)]
+    assert [ref.allowed for ref in refs] == pytest.approx([0.1] * 3)
+
+
 @pytest.mark.parametrize(
     ("limit", "worse", "better"),
     [(Limit(upper=5), 1.5, 0.5), (Limit(lower=0), 0.5, 1.5)],

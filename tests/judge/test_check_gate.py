@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,6 +29,7 @@ from test_mistakes import leaning, tilt_of
 import simgrab
 from simgrab.cli import cli
 from simgrab.errors import ScenarioError, SuiteError
+from simgrab.instrument.alarm import events
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
@@ -217,6 +219,13 @@ def test_a_recorded_seed_beyond_a_limit_is_named(place, tmp_path):
     recorded = gate.record(between, options(place, sound, baseline=tmp_path / "new"), seeds=2)
     assert recorded.passed
     assert f"swing: warning: not met with seed 1: {RMSE}" in " ".join(recorded.notes)
+
+
+def test_nothing_is_recorded_where_a_limit_is_not_met(place, tmp_path):
+    result = gate.record(limited(tmp_path, {RMSE: {"upper": 0.001}}), options(place, sound, baseline=tmp_path / "new"))
+    assert not result.passed
+    assert result.of_suite[0].startswith("nothing was recorded, because limits are not met")
+    assert not (tmp_path / "new").exists()
 
 
 def test_limits_that_a_constant_answer_meets_are_named(place, tmp_path):
@@ -433,6 +442,46 @@ def test_a_figure_without_a_value_is_explained_by_no_other_error(place, tmp_path
     assert scene.causes == ""
 
 
+def swinging(rows, peak_deg):
+    """A swing of one period over the rows."""
+    alphas = np.abs(np.sin(np.linspace(0, np.pi, len(rows)))) * peak_deg
+    return tuple(msgspec.structs.replace(row, alpha_deg=float(a)) for row, a in zip(rows, alphas, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("peak_deg", "off_deg", "danger", "limits", "explained"),
+    [
+        (9.0, 2.0, None, {"alarm.sure": {"lower": 1}}, False),  # the scene has none
+        (9.0, 2.0, None, {"alarm.sure": {"lower": 1}, RMSE: {"upper": 1}}, True),
+        (12.0, 0.05, 0.0, {"alarm.missed": {"upper": 0}}, False),  # its angles exceed 10°
+        (12.0, -3.0, None, {"alarm.missed": {"upper": 0}}, True),
+        (12.0, 2.0, None, {"interval.width_deg": {"upper": 0.1}}, False),
+        (12.0, 2.0, None, {"interval.share": {"lower": 0.9}}, True),
+    ],
+)
+def test_only_limits_that_right_angles_would_meet_are_explained(
+    sound_trial, tmp_path, peak_deg, off_deg, danger, limits, explained
+):
+    """Of angles that differ by a constant."""
+    known = dataclasses.replace(sound_trial.known, rows=swinging(sound_trial.known.rows, peak_deg))
+    angles = np.abs(known.alpha + np.deg2rad(off_deg)).tolist()
+    measured = [
+        Measurement(status="ok", alpha=a, alpha_low=a - 0.01, alpha_high=a + 0.01, danger=danger) for a in angles
+    ]
+    times = 0.25 * np.arange(len(angles))
+    run = dataclasses.replace(
+        sound_trial.run, time=times, measurements=tuple(measured), events=events(times, measured),
+        about=sound_trial.run.about | {"tilt": None, "estimate": None},
+    )  # fmt: skip
+    found = evaluate(run, known)
+    trial_ = dataclasses.replace(
+        sound_trial, run=run, known=known, evaluation=found, metrics=trial.flat(found.to_dict())
+    )
+    scene = gate.judged("swing", trial_, limited(tmp_path, limits).limits)
+    assert {v.status for v in scene.verdicts} == {"failed"}
+    assert bool(scene.causes) == explained
+
+
 def test_frames_in_which_the_grab_hardly_swings_are_named(sound_trial, tmp_path):
     limits = {RMSE: {"upper": 1.0}}
     (note,) = notes_of(sound_trial, tmp_path, limits, change=lambda row: {"alpha_deg": 0.01 * row.alpha_deg})
@@ -554,6 +603,34 @@ def test_a_metric_that_is_not_there_fails_and_is_reported(place, tmp_path):
     assert 'give it swing.model = "dynamic"' in problems["alarm.missed"]  # independent frames know no time
 
 
+@pytest.mark.parametrize(
+    ("metric", "metrics", "reason"),
+    [
+        ("alarm.median_delay", {"events": 0}, "the true swing never exceeds 10°"),
+        ("alarm.recall", {"events": 0}, "the true swing never exceeds 10°"),
+        ("warning.lead_s", {"events": 0}, "the true swing never exceeds 10.5°"),
+        ("alarm.median_delay", {"events": 1, "already_on": 1},
+         "of 1 event of the true swing, 1 began while an alarm was on already"),
+        ("alarm.median_delay", {"events": 2, "already_on": 0}, "of 2 events of the true swing, 2 raised no alarm"),
+        ("alarm.median_delay", {"events": 3, "already_on": 1},
+         "of 3 events of the true swing, 1 began while an alarm was on already and 2 raised no alarm"),
+        ("warning.lead_s", {"events": 2}, "of 2 events of the true swing, 2 raised no warning"),
+        ("alarm.precision", {"events": 2}, "no frame is reported beyond 10°"),
+        ("warning.peak_coverage", {"events": 2}, "the instrument output no peak"),
+        ("warning.lead_s", {}, "the instrument output no warning"),
+        ("detection.recall", {}, "the instrument output no box"),
+        ("reading.length.p95_m", {}, "the scene has no such data"),
+    ],
+)  # fmt: skip
+def test_the_reason_for_a_figure_without_a_value_is_stated(sound_trial, metric, metrics, reason):
+    measured = [msgspec.structs.replace(m, box=None) for m in sound_trial.run.measurements]
+    run = dataclasses.replace(sound_trial.run, measurements=tuple(measured))
+    part = metric.partition(".")[0]
+    found = dataclasses.replace(sound_trial, run=run, metrics={f"{part}.{k}": float(v) for k, v in metrics.items()})
+    (verdict,) = verdicts.of_trial("swing", found, {metric: suite.Limit(lower=0)}, None, 1)
+    assert verdict.message == f"no value: {reason}"
+
+
 def test_an_instrument_that_misses_every_grab_has_no_recall(place, tmp_path):
     small = limited(tmp_path, {"detection.recall": {"lower": 0.5}})
     blind = Broken(lambda frames: [Measurement(status="missed", reason="dark") for _ in frames])
@@ -573,6 +650,12 @@ class Broken:
 
 def raises(_):
     return 1 / 0
+
+
+@pytest.mark.parametrize(("act", "kind"), [(lambda _: None, "NoneType"), (lambda _: 3, "int")])
+def test_an_instrument_that_returns_no_list_is_reported_in_one_line(place, act, kind):
+    problem = failed(check(place, Broken(act), baseline=None))["instrument"]
+    assert problem == f"broken: must return a list, one Measurement for each frame; got {kind}"
 
 
 def test_an_instrument_that_breaks_is_a_failure_reported_in_one_line(place):
@@ -609,6 +692,19 @@ def test_a_detection_that_is_invalid_is_a_failure_that_names_its_frame(place, ot
     problem = failed(check(place, Pipeline(BrokenDetector(other), None), baseline=None))["instrument"]
     assert cause in problem
     assert problem.endswith(", in frame 9")
+
+
+def test_a_pipeline_that_is_slow_misses_a_limit_on_its_time(place, tmp_path):
+    def slow(frames):
+        time.sleep(0.8)
+        return [Measurement(status="missed", reason="dark") for _ in frames]
+
+    small = limited(tmp_path, {"time.per_frame_s": {"upper": 0.05}})
+    result = check(place, Broken(slow), small, baseline=None)
+    verdict, _ = result.verdicts
+    assert verdict.message.endswith("misses the limit ≤ 0.05")
+    assert verdict.value == pytest.approx(0.05, abs=0.05)
+    assert f"The pipeline took {verdict.value:.3g} s per frame." in page.page(result)
 
 
 def test_nothing_is_recorded_of_an_instrument_that_fails(place, tmp_path):
@@ -750,7 +846,23 @@ def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypat
 def test_what_few_seeds_allow_is_said(place, tmp_path):
     small = suite.load(place / "small.toml")
     result = gate.record(small, options(place, sound, baseline=tmp_path), seeds=2)
-    assert result.of_suite[1].startswith("on other frames a figure may be worse by 1949 standard deviations")
+    warning = result.of_suite[1]
+    assert warning.startswith("warning: on other frames a figure may be worse by 1949 standard deviations")
+    later = check(place, baseline=tmp_path, seed=2)
+    assert later.of_suite == (warning,)
+    assert warning in ElementTree.fromstring(report.as_junit(later)).findtext(".//system-out")
+    assert warning in html.unescape(page.page(later))
+    assert not check(place, baseline=tmp_path, seed=1).of_suite  # which was recorded
+
+
+@pytest.mark.parametrize("flaw", [{"sead": 1}, {"baseline": "small.toml"}])
+def test_no_result_of_an_earlier_check_remains_after_status_2(shell, tmp_path, flaw):
+    written = {"check.html", "check.json", "junit.xml"}
+    assert shell("--instrument", "pipelines:sound")[0] == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == written
+    with pytest.raises(SuiteError):
+        shell("--baseline", tmp_path / "none", at=write(tmp_path, **flaw))
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_the_command_fails_with_status_1(shell, tmp_path):

@@ -76,6 +76,8 @@ BAD = {
     "size without height": ({"size": "640"}, "scenes.calm: size must be WIDTHxHEIGHT in pixels"),
     "size below the least": (scene(size="8x8"), "scenes.calm: camera.width_px"),
     "limit without ends": ({"limits": {"a": {"slack": 1}}}, "limits.a: a limit needs lower, upper or both"),
+    "slack of a text": ({"limits": {"a": {"upper": 1, "slack": "20"}}}, "limits.a: slack: must be a number or a share"),
+    "slack below 0": ({"limits": {"a": {"upper": 1, "slack": -1}}}, "limits.a.slack: "),
     "limit upside down": ({"limits": {"a": {"lower": 2, "upper": 1}}}, "limits.a: lower (2) must not be above upper"),
     "unknown metric": (
         {"limits": {"angle.overall.rmse_dge": {"upper": 1}}},
@@ -93,6 +95,17 @@ def test_a_broken_suite_is_reported_by_key(case, tmp_path):
         suite.load(put(tmp_path, **changes))
     assert str(problem.value).startswith(str(tmp_path))
     assert "\n" not in str(problem.value)
+    assert "got {" not in str(problem.value)
+
+
+def test_an_invalid_scene_file_is_named(tmp_path):
+    (tmp_path / "yard.toml").write_text('base = "quay-day"\nname = "yard"\n[camera]\nbeta_dg = 3.0\n')
+    place = f"{tmp_path}/mine.toml: scenes.calm: "
+    with pytest.raises(SuiteError, match=rf"^{place}{tmp_path}/yard.toml: camera.beta_dg: unknown key"):
+        suite.load(put(tmp_path, **scene(scene="yard.toml")))
+    (tmp_path / "yard.toml").write_text('base = "quay-day"\nname = "yard"\n')
+    with pytest.raises(SuiteError, match=rf"^{place}camera.betta_deg: unknown key"):
+        suite.load(put(tmp_path, **scene(scene="yard.toml", changes={"camera.betta_deg": 1})))
 
 
 def test_a_scene_whose_name_no_file_can_have_is_refused(tmp_path):

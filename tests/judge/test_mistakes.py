@@ -205,6 +205,35 @@ def test_a_wrong_roll_is_named(scene, roll, used, text):
     assert "roll" not in getattr(likely(measured, true, rows, None), "text", "")
 
 
+@pytest.mark.parametrize("whole", [True, False])  # pixels, or what lies about the principal point
+@pytest.mark.parametrize(("tilt", "offset"), [(True, True), (False, True), (True, False), (False, False)])
+def test_an_exchange_of_x_and_y_is_named(whole, tilt, offset):
+    changes = {
+        "camera.offset_x_m": 1.2,
+        "camera.roll_deg": 3.0,
+        "camera.beta_deg": 4.0,
+        "camera.tilt_azimuth_deg": 20.0,
+    }
+    rows, true = rows_of(scenes.load("calm-day", changes | {"frames": 40}))
+    measured = []
+    for row in rows:
+        pixel = np.array([row.ideal_v_px, row.ideal_u_px])
+        middle = np.array([row.cx_px, row.cy_px])
+        x, y = (pixel - (middle if whole else middle[::-1])) / row.fx_px
+        camera = np.reshape(row.jib_from_camera, (3, 4))
+        rotation = camera[:, :3] if tilt else camera_rotation(0.0, 0.0, np.radians(3.0))
+        rope = np.linalg.norm(np.reshape(row.jib_from_grab, (3, 4))[:, 3])
+        place = camera[:, 3] if offset else np.zeros(3)
+        measured.append(swing_of(on_ropes(place[None], (rotation @ [x, y, 1.0])[None], rope))[0][0])
+    out = " and the ".join(["tilt"] * (not tilt) + ["offset"] * (not offset))
+    text = f"The angles are as if x and y of the image were exchanged{out and f', and the {out} left out'}"
+    found = getattr(likely(np.array(measured), true, rows, None), "text", "")
+    if whole or tilt or offset:
+        assert re.match(f"{text}(, or .*)?$", found)
+    else:  # of a camera that hangs level in the rope's exit, nothing changes
+        assert "exchanged" not in found
+
+
 def test_on_a_rope_of_constant_length_any_offset_and_a_tilt_are_named_together():
     rows, true = rows_of(scenes.load("free-swing", {"camera.offset_x_m": 0.4, "camera.offset_y_m": 0.7, "frames": 192}))
     text = named(leaning(rows, shift=np.array([0.1, -0.25]) / 18), true, rows)

@@ -83,7 +83,11 @@ class CheckedInstrument:
         passing = _Passing(self.name, frames)
         given: list[object] = []
         with one_line(self.name, passing=RecordError, after=lambda: passing.latest(len(given))):
-            for one in self.instrument(passing, calibration):
+            found: object = self.instrument(passing, calibration)
+            if not isinstance(found, Iterable):
+                kind = type(found).__name__
+                raise InstrumentError(f"{self.name}: must return a list, one Measurement for each frame; got {kind}")
+            for one in found:
                 if not passing.reach(len(given) + 1):
                     if not given:  # nor is there a frame, which is reported elsewhere
                         break

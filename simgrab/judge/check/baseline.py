@@ -32,6 +32,8 @@ from simgrab.model.scenario.whole import difference
 FILE = "baseline.json"
 FALSE_FAILURES = 1e-3  # of a whole check, for an instrument that is what it was
 
+ROUNDING = 1e-9  # more than that of the very same work by another build of a library
+
 
 class Recorded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Record of one scene over R seeds.
@@ -169,16 +171,15 @@ def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, compar
         Number of limits' ends that share the probability of a false failure.
     """
     values = recorded.metrics[metric]
-    # More than rounding of the very same work by another build of a library.
-    least = limit.slack + 1e-9
     if labels in recorded.labels:
         same = values[recorded.labels.index(labels)]
-        return None if same is None else Reference(same, least, True)
+        return None if same is None else Reference(same, limit.allows(same) + ROUNDING, True)
     known = np.array([v for v in values if v is not None])
     if len(known) < 2:
         return None
     spread = deviations(len(known), comparisons) * float(known.std(ddof=1))
-    return Reference(float(known.mean()), least + spread, False)
+    mean = float(known.mean())
+    return Reference(mean, limit.allows(mean) + ROUNDING + spread, False)
 
 
 def deviations(seeds: int, comparisons: int) -> float:

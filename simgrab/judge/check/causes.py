@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simgrab.instrument.alarm import events
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run.runs import Run, reasons
 from simgrab.judge.check.mistakes import FEWEST, Mistake, likely, of_centres, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
 from simgrab.judge.evaluate.budget import by_centres, of_tilt, with_lengths
-from simgrab.judge.evaluate.swings import angles
+from simgrab.judge.evaluate.swings import alarms, angles, by_angles, coverage
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array, swing_of
 
@@ -22,6 +23,7 @@ STILL = 10  # times less than the swing, an angle hardly follows it
 FEW_LOST = 0.05  # of the frames, which explain nothing
 UNEXPLAINED = "No single mistake was found that explains the errors of the angle."
 _LISTED = 4  # frames at most
+_OF_ANGLES = "angle.", "interval.", "alarm."
 
 
 class Cause(NamedTuple):
@@ -45,7 +47,8 @@ def causes(
     ----------
     trial : Trial
     failed : sequence of str
-        Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did.
+        Metrics that failed: sentences on the centre and on the angle are left out unless a metric of theirs did that
+        right angles would mend.
     compared : bool
         Whether one of them has a baseline.
     steady : bool
@@ -55,41 +58,50 @@ def causes(
     """
     if trial.run is None or trial.known is None or trial.evaluation is None:
         return
-    run, true = trial.run, trial.known.alpha
-    there = [m for m, labelled in zip(run.measurements, trial.known.labelled, strict=True) if labelled]
+    run, known, true = trial.run, trial.known, trial.known.alpha
+    failed = _mendable(failed, true, run, known, meets)
+    if not failed:
+        return
+
+    def mends(alpha: Array) -> bool:
+        """Whether all failed figures of angles, one at least, would pass with others (n,), rad."""
+        return meets({what: value for what, value in _metrics(alpha, run, known).items() if what in failed})
+
+    there = [m for m, labelled in zip(run.measurements, known.labelled, strict=True) if labelled]
     lost = reasons(there)
     count = sum(count for *_, count in lost)
     if count > FEW_LOST * len(there) or (lost and any(what.startswith("frames") for what in failed)):
         listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
         yield Cause(f"{count} of {len(there)} frames with a grab have no angle: {listed}.")
-    late = of_centres(run.pixels, trial.known.centre, run.time)
-    if late is not None:
+    late = of_centres(run.pixels, known.centre, run.time)
+    if late is not None and any(what.startswith(("detection.", *_OF_ANGLES)) for what in failed):
         yield Cause(f"{late.text}.", late.alternatives)
     elif any(what.startswith("detection.centre") for what in failed):
         yield from _of_pixels(trial)
     read = run.rope_length
     display, shown = trial.dataset.scenario.display, trial.dataset.scenario.display_layout is not None
     ages_s = (display.lag_s, display.lag_s + 1 / display.refresh_hz) if shown else None
-    wrong = of_rope(read, trial.known.rope_length, run.time, ages_s=ages_s)
-    lengths = [] if wrong is None or wrong.own else list(_of_lengths(wrong, run, trial.known, meets))
+    wrong = of_rope(read, known.rope_length, run.time, ages_s=ages_s)
+    lengths = [] if wrong is None or wrong.own else list(_of_lengths(wrong, run, known, meets, mends))
     yield from lengths
     if any(what.startswith("reading.length") for what in failed) and np.isfinite(read).any():
         if wrong is not None and wrong.own:
             yield Cause(f"{wrong.text}.")
         elif wrong is None:
             yield Cause("No factor, constant or delay was found that explains the lengths' errors.")
-    if not any(what.startswith(("angle.", "interval.", "alarm.", "frames.")) for what in failed):
+    if not any(what.startswith((*_OF_ANGLES, "frames.")) for what in failed):
         return
     if of_nothing := trial.metrics.get("frames.without_grab"):
         yield _alone(f"{of_nothing:.0f} of {np.isfinite(run.alpha).sum()} angles are of frames without a grab.")
-    if not any(what.startswith(("angle.", "interval.", "alarm.")) for what in failed):
+    failed = _mendable(failed, np.where(np.isfinite(run.alpha), true, np.nan), run, known, meets)
+    if not any(what.startswith(_OF_ANGLES) for what in failed):
         return
     if not_seen := _without_centres(run, true):
         yield _alone(not_seen)
         nothing = Measurement(status="missed", reason="no centre")
         kept = (m if np.isfinite(at).all() else nothing for m, at in zip(run.measurements, run.pixels, strict=True))
         run = replace(run, measurements=tuple(kept))
-        if meets(_metrics(run.alpha, trial.known)):
+        if mends(run.alpha):
             return
     both = np.isfinite(run.alpha) & np.isfinite(true)
     if both.any():
@@ -98,10 +110,10 @@ def causes(
         given = bool(np.isfinite(read).any()) and (wrong is None or wrong.own)
         mistake = None
         if moves and not lengths:
-            seen, grab = (true, None) if late else _by_inputs(run, trial.known)
-            mistake = likely(run.alpha, seen, trial.known.rows, run.time, grab=grab, rope_known=given)
+            seen, grab = (true, None) if late else _by_inputs(run, known)
+            mistake = likely(run.alpha, seen, known.rows, run.time, grab=grab, rope_known=given)
             mistake = mistake and mistake._replace(left=mistake.left + seen - true)
-        if mistake and not meets(_metrics(true + mistake.left, trial.known)):
+        if mistake and not mends(true + mistake.left):
             mistake = None
         rmse = _rms(measured - swing)
         if mistake:
@@ -169,18 +181,43 @@ def _by_inputs(run: Run, known: Truths) -> tuple[Array, Array | None]:
     return np.where(seen, swing, known.alpha), np.where(seen[:, None], places, true)
 
 
-def _of_lengths(mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool]) -> Iterator[Cause]:
+def _of_lengths(
+    mistake: Mistake, run: Run, known: Truths, meets: Callable[[Metrics], bool], mends: Callable[[Array], bool]
+) -> Iterator[Cause]:
     """Name a factor or constant of rope lengths without which their figures, or those of the angle, would pass."""
     off = np.abs(mistake.left[np.isfinite(mistake.left)])
     figures = {"median_m": np.median(off), "p95_m": np.quantile(off, 0.95), "max_m": off.max()}
     rests = meets({f"reading.length.{name}": float(value) for name, value in figures.items()})
-    if rests or [meets(_metrics(with_lengths(run, known, rope), known)) for rope in ("read", "true")] == [False, True]:
+    if rests or [mends(with_lengths(run, known, rope)) for rope in ("read", "true")] == [False, True]:
         text = f"{mistake.text}. Otherwise their error would be {np.rint(100 * mistake.rms):.0f} cm."
         yield Cause(text, mistake.alternatives)
 
 
-def _metrics(alpha: Array, known: Truths) -> Metrics:
-    return flat({"angle": angles(alpha, known.alpha, known.rope_length, known.weather)})
+def _mendable(
+    failed: Sequence[str], right: Array, run: Run, known: Truths, meets: Callable[[Metrics], bool]
+) -> list[str]:
+    """Leave out failed metrics of angles that would fail with right ones (n,), rad, too.
+
+    Also those of alarms that would pass with the run's own: then its probabilities of danger are wrong.
+    """
+
+    def mended(alpha: Array) -> list[str]:
+        found = _metrics(alpha, run, known)
+        return [what for what in failed if what in found and meets({what: found[what]})]
+
+    of_danger = [what for what in mended(run.alpha) if what.startswith("alarm.")]
+    of_angles = [what for what in mended(right) if what not in of_danger]
+    return [what for what in failed if what in of_angles or not what.startswith(_OF_ANGLES)]
+
+
+def _metrics(alpha: Array, run: Run, known: Truths) -> Metrics:
+    """Metrics of other angles (n,), rad, with intervals as wide as the run's own, and alarms by the angles alone."""
+    measured = by_angles(alpha)
+    return flat({
+        "angle": angles(alpha, known.alpha, known.rope_length, known.weather),
+        "interval": coverage(run.ends + (alpha - run.alpha)[:, None], known.alpha),
+        "alarm": None if run.time is None else alarms(run.time, measured, events(run.time, measured), known.alpha),
+    })  # fmt: skip
 
 
 def _rms(values: Array) -> float:

@@ -100,6 +100,9 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
         notes += (f"warning: limits between 0 and 1 on counts, which are no shares: {', '.join(shares)}",)
     _check_possible(suite, seed, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
+    labels = {name: scene.trial.dataset.data.labels_sha256 for name, scene in scenes.items() if scene.trial}
+    if recorded and any(digest not in recorded.scenes[name].labels for name, digest in labels.items()):
+        notes += _few(len(recorded.seeds), suite)
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
 
@@ -118,7 +121,7 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     -------
     Report
         Report of the suite's own seed, judged by limits alone. Nothing is recorded if the instrument failed under any
-        seed.
+        seed, or misses a limit under the suite's own.
 
     Raises
     ------
@@ -139,25 +142,41 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     several = tuple(range(suite.seed, suite.seed + (seeds or suite.seeds)))
     scenes: dict[str, Outcome] = {}
     trials: dict[str, list[Trial]] = {name: [] for name in suite.scenes}
+    missed = False
     for name, found in trials.items():
-        begun = time.perf_counter()
+        begun, notes = time.perf_counter(), list[str]()
         for seed in several:
             found.append(trial(_dataset(suite, name, seed, options), instrument))
             if found[-1].problem:
                 failure = tuple(of_trial(name, found[-1], {}, None, 1))
                 return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
-        first, *later = (judged(name, one, suite.limits_of(name)) for one in found)
-        notes = list(first.notes)
-        for seed, other in zip(several[1:], later, strict=True):
-            if beyond := [f"{v.what} {v.limit}" for v in other.verdicts if v.status == "failed"]:
+            one = judged(name, found[-1], suite.limits_of(name))
+            beyond = [f"{v.what} {v.limit}" for v in one.verdicts if v.status == "failed"]
+            if seed == suite.seed:
+                scenes[name], missed = one, missed or bool(beyond)
+            elif beyond:
                 notes.append(f"{name}: warning: not met with seed {seed}: {', '.join(beyond)}")
-        scenes[name] = replace(first, seconds=time.perf_counter() - begun, notes=tuple(notes))
+            if missed:
+                break
+        seconds, first = time.perf_counter() - begun, scenes[name]
+        scenes[name] = replace(first, seconds=seconds, notes=(*first.notes, *notes))
+    if missed:
+        nothing = "nothing was recorded, because limits are not met: mend the cause, or change the limits"
+        return Report(suite.name, instrument.name, suite.seed, (), (nothing,), scenes)
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
-    if 1 < len(several) < FEW_SEEDS:
-        allowed = base.deviations(len(several), base.ends(suite))
-        done += (f"on other frames a figure may be worse by {allowed:.0f} standard deviations: record more --seeds",)
-    return Report(suite.name, instrument.name, suite.seed, (), done, scenes)
+    return Report(suite.name, instrument.name, suite.seed, (), done + _few(len(several), suite), scenes)
+
+
+def _few(seeds: int, suite: Suite) -> tuple[str, ...]:
+    """Warn that a baseline of so many seeds hardly tests other frames."""
+    if not 1 < seeds < FEW_SEEDS:
+        return ()
+    allowed = base.deviations(seeds, base.ends(suite))
+    return (
+        f"warning: on other frames a figure may be worse by {allowed:.0f} standard deviations, because the baseline "
+        f"has only {seeds} seeds: record more --seeds",
+    )
 
 
 def _instrument(suite: Suite, options: CheckOptions) -> Instrument:

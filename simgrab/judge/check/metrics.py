@@ -1,4 +1,4 @@
-"""Names of the metrics that a suite may limit: the numbers of `simgrab.evaluate`, by dotted name."""
+"""Names of the metrics that a suite may limit: the numbers of `simgrab.evaluate`, by dotted name, and a time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ _PARTS: dict[str, list[str]] = {
     "warning": _numbers(values.Warnings),
     "budget.drawn": _ERRORS, "budget.run": _ERRORS,
 }  # fmt: skip
-NAMES = frozenset(f"{part}.{name}" for part, names in _PARTS.items() for name in names)
+TIME = "time.per_frame_s"
+NAMES = frozenset([TIME, *(f"{part}.{name}" for part, names in _PARTS.items() for name in names)])
 COUNTS = frozenset(
     name
     for kind in (values.FrameCounts, values.DetectionScore, values.Share, values.ReadingScore, values.Lengths,

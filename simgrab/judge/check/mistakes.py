@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from simgrab.model.geometry import Array, Pose, on_ropes, swing_of, wrap
+from simgrab.model.geometry import Array, Pose, camera_rotation, on_ropes, swing_of, wrap
 from simgrab.model.truth import Row
 
 MOST_LATE, FEWEST, ENOUGH = 50, 10, 24  # frames; enough for an offset and a tilt at once
@@ -22,6 +22,7 @@ CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
 LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing shows no direction
 LEAST_ROLL = math.radians(1.0)  # below which a roll is not named
 MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
+EXACT = 0.1  # of the errors, which an exchange of axes must leave at most: there are several to choose from
 NOTHING = 1e-6  # rad, below which errors are rounding
 LEAST_SHARE = 0.01  # of the errors, below which it does not matter which explanation leaves less
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor, a constant or a delay must leave at most
@@ -108,7 +109,7 @@ def _late(what: str, measured: Array, true: Array, time: Array | None) -> Mistak
 def _of_geometry(
     measured: Array, true: Array, rows: Sequence[Row], grab: Array, *, rope_known: bool
 ) -> list[Mistake]:  # fmt: skip
-    """Explain by a tilt, a roll, a focal length, an offset, the lens's distortion, and by a constant."""
+    """Explain by a tilt, a roll, an exchange of x and y, a focal length, an offset, the lens, and by a constant."""
     camera = Pose.from_matrix(np.reshape([row.jib_from_camera for row in rows], (-1, 3, 4)))
     f_px, axis, offset = rows[0].fx_px, camera.rotation[:, :2, 2], camera.translation[:, :2]
     per_m = 1 / np.linalg.norm(grab, axis=1, keepdims=True)
@@ -131,6 +132,7 @@ def _of_geometry(
     turn = fits.roll(float(rolls[0]))
     if np.abs(wrap(rolls - rolls[0])).max() < LEAST_ROLL:
         poses = [turn, *poses] if turn.text.startswith("if ") else [*poses, turn]
+    poses = [_exchanged(measured, camera, rows, grab), *poses]
     most = CLEARLY * max(min(one.rms for one in poses), least)
     alike = [one for one in poses if one.rms < most]  # as on a rope of constant length
     if any(one is turn for one in alike) and shift.fitted > 2:  # a tilt beside an offset explains much
@@ -143,6 +145,29 @@ def _of_geometry(
         found.append(fits.factor(straight - bent, _applied("the lens's distortion")))
     as_with = [one._replace(text=one.text and f"The angles are as {one.text}") for one in found]
     return [*as_with, Mistake("", measured - true - np.mean(measured - true), 1)]
+
+
+def _exchanged(measured: Array, camera: Pose, rows: Sequence[Row], grab: Array) -> Mistake:
+    """Explain by an exchange of x and y of the image, or of x and y about the principal point.
+
+    The tilt and the offset are applied, or left out as well.
+    """
+    local = np.einsum("nji,nj->ni", camera.rotation, grab - camera.translation)
+    x, y = (local[:, :2] / local[:, 2:]).T
+    rope, level = np.linalg.norm(grab, axis=1), camera_rotation(0.0, 0.0, np.radians([row.roll_deg for row in rows]))
+    by = (rows[0].cx_px - rows[0].cy_px) / rows[0].fx_px
+    found, whole = [Mistake("", np.full(len(measured), np.nan))], Mistake("", measured - swing_of(grab)[0]).rms
+    for rotation, tilt in ((camera.rotation, ""), (level, "tilt")):
+        for place, offset in ((camera.translation, ""), (0 * camera.translation, "offset")):
+            right, *exchanged = (
+                measured - swing_of(on_ropes(place, np.einsum("nij,nj->ni", rotation, ray), rope))[0]
+                for ray in (np.column_stack([*of, np.ones(len(rows))]) for of in ((x, y), (y, x), (y - by, x + by)))
+            )
+            out = " and the ".join(filter(None, (tilt, offset)))
+            text = f"if x and y of the image were exchanged{f', and the {out} left out' if out else ''}"
+            most = min(Mistake("", right).rms / 2, EXACT * whole)  # where an exchange changes little, it is not named
+            found += [one for left in exchanged if (one := Mistake(text, left)).rms < most]
+    return min(found, key=lambda one: one.rms)
 
 
 _UNMOVED = np.zeros(2)

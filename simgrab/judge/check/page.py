@@ -12,6 +12,7 @@ import numpy as np
 from simgrab.dataset import preview
 from simgrab.instrument.contract import Measurement, Picture
 from simgrab.io import pictures
+from simgrab.judge.check.metrics import TIME
 from simgrab.judge.check.report import Outcome, Report, anchor
 from simgrab.judge.check.table import cells
 from simgrab.judge.check.trial import Trial
@@ -74,13 +75,15 @@ def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
 
 
 def _stated(trial: Trial) -> str:
-    """State how often intervals cover the truth, and the tilt beside the true one, where the pipeline states them."""
+    """State how often intervals cover the truth, the tilt beside the true one, and how long the pipeline took."""
     share, found = trial.metrics.get("interval.share"), []
     if share is not None:
         found.append(f"The intervals cover the true angle in {share:.0%} of the frames that have one; 95 % is stated.")
     if trial.run and trial.known and (tilt := of_tilt(trial.run, trial.known)):
         own, true = (f"{one.beta_deg:.2f}° with an azimuth of {one.tilt_azimuth_deg:.0f}°" for one in tilt[:2])
         found.append(f"The pipeline's tilt is {own}; the best constant one is {true}.")
+    if (taken := trial.metrics.get(TIME)) is not None:
+        found.append(f"The pipeline took {taken:.3g} s per frame.")
     return " ".join(found)
 
 

@@ -219,14 +219,26 @@ def save(report: Report, out: Path, page: str) -> None:
     SuiteError
         If nothing can be written there.
     """
+    clear(out)
     with writing(out, SuiteError):
-        for name in _earlier(out / RESULT):
-            (out / name).unlink(missing_ok=True)
         for name, picture in report.pictures.items():
             write(out / PICTURES / name, encode(picture[..., ::-1], "png"))
         write(out / PAGE, page)
         write(out / JUNIT, as_junit(report))
         write(out / RESULT, as_json(report))
+
+
+def clear(out: Path) -> None:
+    """Delete what an earlier check wrote, so that it is not taken for the result of one that ends early.
+
+    Raises
+    ------
+    SuiteError
+        If something cannot be deleted.
+    """
+    with writing(out, SuiteError):
+        for name in (*_earlier(out / RESULT), PAGE, JUNIT, RESULT):
+            (out / name).unlink(missing_ok=True)
 
 
 def _earlier(result: Path) -> list[str]:

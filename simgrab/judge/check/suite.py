@@ -27,6 +27,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 Seed = Annotated[int, Meta(ge=0, le=2**53)]
 FOLDER = SCENES / "suites"
 CAMERA = ("camera.", "display.")  # inputs of an instrument, which may therefore not vary within a scene
+_SHARE = re.compile(r"\d+(\.\d+)? ?%")
 OWN_KEYS = ("frames", "seed")  # of a scenario, which the suite sets at a place of their own
 
 
@@ -37,21 +38,29 @@ class Limit(Checked, frozen=True):
     ----------
     lower, upper : float or None
         In the metric's own unit.
-    slack : float
-        A metric may always be worse than the baseline by this much.
+    slack : float or str
+        A metric may always be worse than the baseline by this much, or by a share of it, such as ``"20 %"``.
     """
 
     error = SuiteError
 
     lower: float | None = None
     upper: float | None = None
-    slack: Annotated[float, Meta(ge=0)] = 0.0
+    slack: Annotated[float, Meta(ge=0)] | str = 0.0
 
     def check(self) -> None:  # noqa: D102
         if self.lower is None and self.upper is None:
             raise ValueError("a limit needs lower, upper or both")
         if self.lower is not None and self.upper is not None and self.lower > self.upper:
             raise ValueError(f"lower ({self.lower:g}) must not be above upper ({self.upper:g})")
+        if isinstance(self.slack, str) and not _SHARE.fullmatch(self.slack):
+            raise ValueError(f"slack: must be a number or a share such as '20 %', got {self.slack!r}")
+
+    def allows(self, reference: float) -> float:
+        """By how much a metric may be worse than a value of the baseline."""
+        if isinstance(self.slack, str):
+            return float(self.slack.rstrip(" %")) / 100 * abs(reference)
+        return self.slack
 
     def excess(self, value: float) -> float:
         """By how much a value lies beyond the limits; 0 or negative within them."""
@@ -184,7 +193,7 @@ class Suite(Checked, frozen=True):
         try:
             scenario = scenes.load(scene.scene, changes, size=scenes.parse_size(size) if size else None)
         except ScenarioError as problem:
-            raise SuiteError(f"scenes.{name}: {problem}") from None
+            raise SuiteError(f"scenes.{name}: {_at_fault(scene.scene)}{problem}") from None
         varied = [part for key in scenario.vary for part in key.split("+") if part.startswith(CAMERA)]
         if varied:
             stands = scenes.load(scene.scene, changes).to_dict()  # a focal length in pixels is of the scene's own size
@@ -229,6 +238,15 @@ def load(suite: str | Path) -> Suite:
     except SuiteError as problem:
         raise SuiteError(f"{path}: {problem}") from None
     return found
+
+
+def _at_fault(scene: str) -> str:
+    """Begin a message with a scene's file, if a key of it is invalid; else empty."""
+    try:
+        scenes.load(scene)
+    except ScenarioError as problem:
+        return f"{scene}: " if problem.key and is_file(scene, SuiteError) else ""
+    return ""
 
 
 def _placed(suite: Suite, folder: Path) -> Suite:

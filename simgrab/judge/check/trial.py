@@ -18,6 +18,7 @@ from simgrab.instrument.run.run import measure
 from simgrab.instrument.run.runs import Run
 from simgrab.instrument.run.subject import one_line
 from simgrab.instrument.source import open_source
+from simgrab.judge.check.metrics import TIME
 from simgrab.judge.check.suite import Limit
 from simgrab.judge.evaluate import swings, truths
 from simgrab.judge.evaluate.evaluation import cases, evaluate
@@ -96,7 +97,7 @@ def measured(dataset: Dataset, instrument: Instrument) -> Trial:
     Returns
     -------
     Trial
-        Its metrics are the numbers of `simgrab.judge.evaluate.evaluation.evaluate`.
+        Its metrics are the numbers of `simgrab.judge.evaluate.evaluation.evaluate`, and the time that it took.
 
     Raises
     ------
@@ -110,7 +111,9 @@ def measured(dataset: Dataset, instrument: Instrument) -> Trial:
     with one_line(f"{instrument.name}: cannot be evaluated"):
         known = truths.of(run, dataset.path)
         found = evaluate(run, known)
-    return Trial(dataset, flat(found.to_dict()), "", run, known, found)
+    speed = run.about["speed"]
+    metrics = flat(found.to_dict()) | {TIME: speed["seconds"] / speed["frames"]}
+    return Trial(dataset, metrics, "", run, known, found)
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]:

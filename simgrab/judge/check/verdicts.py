@@ -11,12 +11,18 @@ from simgrab.judge.check import baseline as base
 from simgrab.judge.check.baseline import Baseline, Reference
 from simgrab.judge.check.metrics import unknown
 from simgrab.judge.check.suite import Limit
-from simgrab.judge.check.trial import Trial, naive
+from simgrab.judge.check.trial import Metrics, Trial, naive
 from simgrab.judge.evaluate.detection import HALF
 
 Status = Literal["passed", "failed", "skipped"]
 _OF_CENTRES = ("detection.centre.", "detection.coverage.")
 _LISTED = 10  # frames at most
+_OF_EVENTS = ("alarm.median_delay", "alarm.recall", "warning.lead_s")
+_FIELDS = {  # of a measurement, by the beginning of the figures that need it; the first that fits
+    "angle.": "alpha", "alarm.": "alpha", "interval.": "alpha_low", "warning.peak_": "peak", "warning.": "warning",
+    "detection.centre.": "centre", "detection.jitter_px": "centre", "detection.coverage.": "centre_sd",
+    "detection.": "box", "reading.length.": "rope_length_m", "reading.": "rope_text",
+}  # fmt: skip
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -150,13 +156,35 @@ def _nothing(metric: str, trial: Trial) -> str:
         )
     if metric.startswith(("angle.", "interval.")) and metrics.get("frames.ok") == 0:
         return "no value: no frame has an angle"
-    if metric.startswith("alarm.") and metrics.get("alarm", 0) is None and not unknown(metric):
+    if metric.startswith(("alarm.", "warning.")) and metrics.get("alarm", 0) is None and not unknown(metric):
         return (
             "no value: alarms need frames in time, and this scene draws each on its own; give it swing.model = "
             '"dynamic", or move the limit into [scenes.NAME.limits] of one that has it, such as work-cycles'
         )
-    if metric in ("alarm.recall", "alarm.median_delay") and metrics.get("alarm.events") == 0:
-        return "no value: the true swing never exceeds 10°"
-    if metric.startswith("angle.") and not unknown(metric) and metrics.get("frames.ok"):
+    if metric in _OF_EVENTS and (why := _without_event(metric, metrics)):
+        return f"no value: {why}"
+    if metric == "alarm.precision":
+        return "no value: no frame is reported beyond 10°"
+    if wrong := unknown(metric):
+        return wrong
+    measured = trial.run.measurements if trial.run else ()
+    field = next((field for start, field in _FIELDS.items() if metric.startswith(start)), None)
+    if field and all(getattr(m, field) is None for m in measured):
+        return f"no value: the instrument output no {field}"
+    if metric.startswith("angle."):
         return "no value: no frame of that kind has a measured and a true angle"
-    return unknown(metric) or "no value: the instrument did not output the field, or the scene has no such data"
+    return "no value: the scene has no such data"
+
+
+def _without_event(metric: str, metrics: Metrics) -> str:
+    """Return why no event of the true swing has a value; empty if that is not the reason."""
+    part, _, name = metric.partition(".")
+    events = metrics.get(f"{part}.events")
+    if events is None:
+        return ""
+    if not events:
+        return f"the true swing never exceeds {'10.5' if part == 'warning' else '10'}°"
+    on = metrics.get("alarm.already_on") or 0 if part == "alarm" else 0
+    found = ((on, "began while an alarm was on already"), (events - on, f"raised no {part}"))
+    counts = " and ".join(f"{count:.0f} {how}" for count, how in found if count)
+    return "" if name == "recall" else f"of {events:.0f} event{'s' * (events > 1)} of the true swing, {counts}"

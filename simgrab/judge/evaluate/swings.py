@@ -70,11 +70,15 @@ def coverage(ends: Array, true: Array) -> dict[str, Any]:
 
 def true_events(times: Array, true: Array) -> tuple[Event, ...]:
     """Events of the true swing, by the same rule: from the first frame beyond 10°."""
-    known = [
+    return events(times, by_angles(true))
+
+
+def by_angles(alpha: Array) -> list[Measurement]:
+    """Measurements of angles (n,), rad, alone."""
+    return [
         Measurement(status="ok", alpha=a) if math.isfinite(a) else Measurement(status="lost", reason="not known")
-        for a in true.tolist()
+        for a in alpha.tolist()
     ]
-    return events(times, known)
 
 
 def alarms(times: Array, measurements: Sequence[Measurement], raised: Sequence[Event], true: Array) -> dict[str, Any]:
