@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -17,6 +18,8 @@ from simgrab.errors import ScenarioError
 from simgrab.io.photographs import Sequence, read
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
+from simgrab.world import gl
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import PLACE
 
 SIZE = (320, 180)
@@ -180,3 +183,33 @@ def test_files_outside_the_scenes_folder_are_read_and_nothing_but_pictures(yard:
         scene(yard, "inner")
     with pytest.raises(ScenarioError, match=r"floodlights"):
         scene(yard, **{"light.sun": 0.0, "light.floodlights": 0.5})
+
+
+SUNS = [(25.0, 135.0), (35.0, 60.0), (57.7, -131.27), (75.0, 30.0)]  # elevation and azimuth, degrees
+WIDE = {
+    "camera.focal": {"model": "pixels", "focal_length_px": 172}, "image.shadow_map_px": 4096, "jib.head": "none",
+}  # fmt: skip
+
+
+def without_grab(scenario: Scenario) -> np.ndarray:
+    """Picture of what stands still."""
+    with FrameGenerator(scenario) as generator:
+        moment = replace(generator.project(0).moment, present=False)
+        return generator.scene(0).renderer.rgb(moment)
+
+
+@pytest.mark.parametrize(("elevation", "azimuth"), SUNS)
+@pytest.mark.parametrize("reuse", ["0", "1"])
+def test_level_ground_casts_no_shadow_on_itself(
+    yard: Path, elevation: float, azimuth: float, reuse: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(gl.REUSE, reuse)
+    sun = {"light.sun_elevation_deg": elevation, "light.sun_azimuth_deg": azimuth}
+    rgb = without_grab(scene(yard, **WIDE, **sun))
+    assert np.abs(rgb.astype(int) - photograph(1)).max() <= 1
+    dim = sun | {"light.sun": 0.3, "light.sky": 0.5}  # without a shadow map, light beyond 1 is cut off
+    whole, flat = (
+        without_grab(scenes.load("quay-day", SMALL | WIDE | dim | {"place": {"model": "plain"}} | more))
+        for more in ({}, {"image.shadow_map_px": 0})
+    )
+    assert np.abs(whole.astype(int) - flat).max() <= 1

@@ -140,7 +140,7 @@ class Renderer:
             self._buffer = stack.enter_context(gl.offscreen(model, 1, 1))  # the passes have framebuffers of their own
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
-            self._prepare(model)
+            self._prepare(world)
             self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
             self._background_shown = -1
             screen = PHOTOGRAPH if self._background else ""
@@ -149,10 +149,13 @@ class Renderer:
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
 
-    def _prepare(self, model: mujoco.MjModel) -> None:
-        """Make what MuJoCo and the render passes need of a model."""
+    def _prepare(self, world: World) -> None:
+        """Make what MuJoCo and the render passes need of a world's model."""
+        model = world.model
         self.data, self._scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=1)
         self._boxes = geoms.boxes(model)
+        shades = [world.materials[model.material(number).name].shades for number in model.geom_matid]
+        self._shading = frozenset(np.flatnonzero(shades).tolist())
 
     def takes(self, scenario: Scenario) -> bool:
         """Whether `revise` can go on with a scenario; if not, it needs a renderer of its own."""
@@ -179,7 +182,7 @@ class Renderer:
             else:
                 self._buffer.load(world.model)
                 self._passes.load(world.model, world.textures)
-                self._prepare(world.model)
+                self._prepare(world)
         else:
             known = [one for one in self._aims if (one.camera, one.smooth) == (new.camera, smooth)]
             aim = known[0] if known else _Aim.of(new)
@@ -332,7 +335,7 @@ class Renderer:
                 upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
                 cells = changes.receivers(self._still_buffers()[1], upwards, *self._pinhole)
                 if not self._shade_kept:  # it is the same for every camera
-                    passes.shade(scene, stand, keep=True)
+                    passes.shade(scene, self._casters(stand), keep=True)
                     self._shade_kept = True
                 passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
             rect = self.aim(self._aim.drawn, scene)
@@ -341,6 +344,10 @@ class Renderer:
             seen = lens.map(self.full).resample(upright, cv2.INTER_CUBIC) if lens else upright
             self._aim.backdrop = rgb, seen, cells
         return self._aim.backdrop
+
+    def _casters(self, listed: list[Geom]) -> list[Geom]:
+        """Geoms that cast shadows."""
+        return [geom for geom in listed if geom.number in self._shading]
 
     def _moving_boxes(self) -> Array:
         """Corners of boxes that hold grab and ropes, jib frame, shape (n, 8, 3)."""
@@ -383,7 +390,7 @@ class Renderer:
         bent = lens.map(self.full) if lens else None
         if not self._at_rest(moment):
             if self._aim.shadowed:
-                passes.shade(scene, self._geoms)
+                passes.shade(scene, self._casters(self._geoms))
             rect = self.aim(self._aim.drawn, scene)
             rgb = passes.colour(scene, rect, self._geoms, shadowed=self._aim.shadowed)[::-1]
             return bent.resample(rgb, cv2.INTER_CUBIC) if bent else rgb
