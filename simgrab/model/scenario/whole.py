@@ -292,7 +292,7 @@ def _with_numbers(schema: Any) -> Any:
 
 
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge nested tables, ``change`` winning; a table of another ``model`` or ``dist`` replaces the old one whole."""
+    """Merge nested tables, ``change`` winning; a table with ``dist``, or of another ``model``, replaces the old one."""
     result = dict(base)
     for key, value in change.items():
         old = result.get(key)
@@ -315,4 +315,5 @@ def difference(base: Mapping[str, Any], whole: Mapping[str, Any]) -> dict[str, A
 
 
 def _other_kind(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
-    return any(tag in new and new[tag] != old.get(tag) for tag in ("model", "dist"))
+    # Tables without the tag, such as those of `--set place.cargo=ore`, may be of any kind.
+    return ("dist" in new and "dist" in old) or ("model" in new and new["model"] != old.get("model", new["model"]))
