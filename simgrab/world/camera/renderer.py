@@ -111,7 +111,7 @@ class Renderer:
     every picture drawn; the fingerprint says which it was.
 
     A ``station`` gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the
-    scenario's.
+    scenario's. ``split`` gives the split of a frame, whose photographs alone it shows.
 
     Attributes
     ----------
@@ -122,8 +122,9 @@ class Renderer:
     """
 
     def __init__(
-        self, world: World, scenario: Scenario, station: Callable[[Moment], tuple[Array, Array]] | None = None
-    ) -> None:
+        self, world: World, scenario: Scenario, station: Callable[[Moment], tuple[Array, Array]] | None = None, *,
+        split: Callable[[int], str] | None = None,
+    ) -> None:  # fmt: skip
         self.world = world
         self._image = scenario.image
         self._station = station
@@ -140,8 +141,8 @@ class Renderer:
             self._buffer = stack.enter_context(gl.offscreen(model, 1, 1))  # the passes have framebuffers of their own
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
-            self._prepare(world)
-            self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
+            self._prepare(model)
+            self._background = Background(scenario, split) if isinstance(scenario.place, Photo) else None
             self._background_shown = -1
             screen = PHOTOGRAPH if self._background else ""
             self._passes = Passes(model, world.textures, self._buffer, self._aim.size, screen)
@@ -149,13 +150,10 @@ class Renderer:
             self.fingerprint = gl.fingerprint()
             self._stack = stack.pop_all()
 
-    def _prepare(self, world: World) -> None:
-        """Make what MuJoCo and the render passes need of a world's model."""
-        model = world.model
+    def _prepare(self, model: mujoco.MjModel) -> None:
+        """Make what MuJoCo and the render passes need of a model."""
         self.data, self._scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=1)
         self._boxes = geoms.boxes(model)
-        shades = [world.materials[model.material(number).name].shades for number in model.geom_matid]
-        self._shading = frozenset(np.flatnonzero(shades).tolist())
 
     def takes(self, scenario: Scenario) -> bool:
         """Whether `revise` can go on with a scenario; if not, it needs a renderer of its own."""
@@ -163,7 +161,7 @@ class Renderer:
         smooth = new.samples in (0, own.samples) and new.shadow_map_px == own.shadow_map_px
         return smooth and isinstance(scenario.place, Photo) == (self._background is not None)
 
-    def revise(self, world: World, old: Scenario, new: Scenario) -> None:
+    def revise(self, world: World, old: Scenario, new: Scenario, split: Callable[[int], str] | None) -> None:
         """Go on from one scenario to another, in the same OpenGL context.
 
         The world has the same model and other lights, or a model of its own.
@@ -182,7 +180,7 @@ class Renderer:
             else:
                 self._buffer.load(world.model)
                 self._passes.load(world.model, world.textures)
-                self._prepare(world)
+                self._prepare(world.model)
         else:
             known = [one for one in self._aims if (one.camera, one.smooth) == (new.camera, smooth)]
             aim = known[0] if known else _Aim.of(new)
@@ -190,7 +188,7 @@ class Renderer:
             others = [one for one in self._aims if (one.size, one.smooth) != (aim.size, smooth)]
         self._use(aim, [aim, *others][:_KEPT_AIMS])
         if self._background:
-            self._background, self._background_shown = Background(new), -1
+            self._background, self._background_shown = Background(new, split), -1
         self.world, self._posed = world, None
 
     def _use(self, aim: _Aim, kept: list[_Aim]) -> None:
@@ -347,7 +345,7 @@ class Renderer:
 
     def _casters(self, listed: list[Geom]) -> list[Geom]:
         """Geoms that cast shadows."""
-        return [geom for geom in listed if geom.number in self._shading]
+        return [geom for geom in listed if geom.number in self.world.casters]
 
     def _moving_boxes(self) -> Array:
         """Corners of boxes that hold grab and ropes, jib frame, shape (n, 8, 3)."""
