@@ -296,7 +296,7 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
     result = dict(base)
     for key, value in change.items():
         old = result.get(key)
-        if isinstance(old, Mapping) and isinstance(value, Mapping) and not _other_kind(old, value):
+        if isinstance(old, Mapping) and isinstance(value, Mapping) and not _replaces(old, value):
             result[key] = merged(old, value)
         else:
             result[key] = value
@@ -314,6 +314,10 @@ def difference(base: Mapping[str, Any], whole: Mapping[str, Any]) -> dict[str, A
     return kept
 
 
+def _replaces(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    return ("dist" in old and "dist" in new) or _other_kind(old, new)
+
+
 def _other_kind(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
     # Tables without the tag, such as those of `--set place.cargo=ore`, may be of any kind.
-    return ("dist" in new and "dist" in old) or ("model" in new and new["model"] != old.get("model", new["model"]))
+    return any(tag in old and tag in new and new[tag] != old[tag] for tag in ("model", "dist"))
