@@ -117,9 +117,8 @@ def test_hoisting_through_the_ground_is_refused():
 
 def test_a_refusal_names_a_rope_that_is_short_enough():
     def refused(rope):
-        scene = small_scene(
-            frames=1, swing__alpha__sigma_deg=0.0, swing__rope_length_m=rope, swing__jaw_deg=0.0, place={"model": "plain"}
-        )
+        swing = {"swing__alpha__sigma_deg": 0.0, "swing__rope_length_m": rope, "swing__jaw_deg": 0.0}
+        scene = small_scene(frames=1, place={"model": "plain"}, **swing)
         try:
             vetted(Workers(Recipe(scene)))
         except ScenarioError as problem:
