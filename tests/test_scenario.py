@@ -12,6 +12,7 @@ from simgrab.errors import ScenarioError
 from simgrab.io.resources import SCENES
 from simgrab.io.strict import convert
 from simgrab.model import scenes
+from simgrab.model.distributions import Choice
 from simgrab.model.scenario import Scenario, merged, schema, vary
 
 BAD = [
@@ -79,6 +80,25 @@ def test_bad_input_is_refused_by_its_key(key, value, message):
         scenes.load("quay-day", {key: value})
     assert key.split(".")[0] in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+JAWS = {"dist": "choice", "values": [0.0, 42.0]}  # quay-day's have weights
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"swing.jaw_deg": JAWS}, {"swing.jaw_deg.values": [0.0, 42.0], "swing.jaw_deg.dist": "choice"},
+     {"clip.clip_frames": 1, "vary": {"swing.jaw_deg": {"dist": "one-of", "values": [JAWS]}}}],
+)  # fmt: skip
+def test_a_table_with_dist_takes_nothing_over(tmp_path, changes):
+    (tmp_path / "scene.toml").write_text('base = "quay-day"\nswing.jaw_deg = { dist = "choice", values = [0, 42] }')
+    for scene in (scenes.load("quay-day", changes), scenes.load(tmp_path / "scene.toml")):
+        assert vary.variant(scene, 0).scenario.swing.jaw_deg == Choice((0.0, 42.0))
+
+
+def test_keys_of_another_kind_are_set_in_any_order():
+    changes = {"place.model": "hold", "place.cargo": "ore"}
+    assert scenes.load("quay-day", changes) == scenes.load("quay-day", dict(reversed(changes.items())))
 
 
 @pytest.mark.parametrize("name", scenes.names())

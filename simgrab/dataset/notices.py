@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from simgrab.dataset.stored import split
-from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid, Mesh, Scenario
+from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid, Mesh, Photo, Scenario
 from simgrab.model.truth import SPLITS
+from simgrab.world.camera.background import Background
 from simgrab.world.extensions import Recipe
 
 FEW_WORLDS = 100
@@ -26,7 +26,8 @@ def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
         lines = []
     if isinstance(scenario.grab, Mesh) and isinstance(scenario.swing, Iid) and scenario.swing.load.support()[1]:
         lines.append("swing.load has no effect on a grab from a file, which holds no load")
-    return lines + _of_weather(scenario) + _of_display(scenario) + (_of_splits(recipe) if splits else [])
+    lines += _of_weather(scenario) + _of_display(scenario)
+    return lines + (_of_photographs(scenario) + _of_splits(recipe) if splits else [])
 
 
 def _of_independent(recipe: Recipe) -> list[str]:
@@ -75,6 +76,14 @@ def _of_clips(recipe: Recipe) -> list[str]:
     ]
 
 
+def _of_photographs(scenario: Scenario) -> list[str]:
+    """Name splits that show the same photographs."""
+    parts = len(scenario.splits.shares)
+    if parts == 1 or not isinstance(scenario.place, Photo) or Background(scenario).has_own_of_splits:
+        return []
+    return [f"splits: a video, or fewer than {parts} photographs, are shown in every split; use a folder of more"]
+
+
 def _of_splits(recipe: Recipe) -> list[str]:
     """Name a lack of frames to train on, and shares that are not as stated, as each of few worlds lies in one split."""
     scenario = recipe.scenario
@@ -87,7 +96,7 @@ def _of_splits(recipe: Recipe) -> list[str]:
     if not 1 < worlds <= FEW_WORLDS or (isinstance(scenario.swing, Iid) and not recipe.varies):
         return []
     firsts = {scenario.slowest_draw(clip): scenario.span(clip).start for clip in reversed(range(clips))}
-    found = Counter(split(recipe, frame) for frame in firsts.values())
+    found = Counter(recipe.split(frame) for frame in firsts.values())
     stated = [(name, worlds * getattr(scenario.splits, name)) for name in SPLITS]
     if all(share / FAR <= found[name] <= share * FAR for name, share in stated):
         return []

@@ -12,11 +12,8 @@ from pycocotools import mask as coco_mask
 from simgrab.dataset.record import FrameRecord, StoredFrame
 from simgrab.io.pictures import encode
 from simgrab.model.masks import Coded
-from simgrab.model.rng import stream
-from simgrab.model.scenario import Iid
 from simgrab.model.truth import Row, Truth
 from simgrab.world.camera.renderer import View
-from simgrab.world.extensions import Recipe
 from simgrab.world.frames import Frame, FrameGenerator
 
 DEPTH_MM = 1000.0  # depth pictures hold millimetres in 16 bits
@@ -30,7 +27,7 @@ def make(generator: FrameGenerator, number: int) -> StoredFrame:
 def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
     """Encode a frame that the generator made."""
     image, number = generator.scenario.image, frame.truth.frame
-    part = split(generator.recipe, number)
+    part = generator.recipe.split(number)
     stem = f"{part}/{number:06d}"
     name = f"images/{stem}.{'jpg' if image.format == 'jpeg' else 'png'}"
     files = {name: encode(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), image.format, image.quality)}
@@ -43,18 +40,6 @@ def encoded(generator: FrameGenerator, frame: Frame) -> StoredFrame:
     row = Row(**msgspec.structs.asdict(frame.truth), split=part, file=name, image_sha256=digest)
     fingerprint = generator.scene(number).renderer.fingerprint
     return StoredFrame(FrameRecord(row, _coded(frame.grab, row), fingerprint), files)
-
-
-def split(recipe: Recipe, frame: int) -> str:
-    """Draw a frame into train, val or test by the scenario's shares.
-
-    Frames of one clip are alike, as are those that share any draw, and stay together.
-    """
-    scenario = recipe.scenario
-    independent = isinstance(scenario.swing, Iid) and not recipe.varies and recipe.extensions.trajectory is None
-    unit = frame if independent else scenario.slowest_draw(scenario.clip.of(frame))
-    share = stream(scenario.seed, unit, "split").random()
-    return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"
 
 
 def _coded(grab: View, truth: Truth) -> Coded:

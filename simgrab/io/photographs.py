@@ -6,11 +6,13 @@ bytes are kept in the process (`simgrab.io.models`).
 
 from __future__ import annotations
 
+import hashlib
 import io
+import itertools
 import os
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import av
 import numpy as np
@@ -96,6 +98,20 @@ class Sequence:
 
     def __len__(self) -> int:
         return self._count
+
+    def shared_out(self, shares: Mapping[str, float]) -> dict[str, list[int]]:
+        """Share the photographs out, by a hash of their names: each part gets its share, and at least one.
+
+        A video, and fewer photographs than parts, are not shared out: then nothing is returned.
+        """
+        if self.is_video or self._count < len(shares):
+            return {}
+        hashes = [hashlib.sha256(PurePosixPath(name).name.encode()).digest() for name in self._names]
+        order, largest = sorted(range(self._count), key=hashes.__getitem__), max(shares, key=shares.__getitem__)
+        sizes = {name: max(1, int(share * self._count)) for name, share in shares.items()}
+        sizes[largest] += self._count - sum(sizes.values())
+        ends = itertools.accumulate(sizes.values())
+        return {name: order[end - sizes[name] : end] for name, end in zip(sizes, ends, strict=True)}
 
     def __getitem__(self, number: int) -> Picture:
         """Decode a picture, RGB, shape (height, width, 3); a video is decoded fastest in frame order."""

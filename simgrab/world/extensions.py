@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simgrab.errors import ExtensionError, ScenarioError, SimgrabError, first_line
 from simgrab.model import scenes
 from simgrab.model.rng import stream
-from simgrab.model.scenario import Scenario, Variant, variant
+from simgrab.model.scenario import Iid, Scenario, Variant, variant
 from simgrab.runtime.processes import pickled
 from simgrab.world.trajectory.checked import checked
 from simgrab.world.trajectory.moment import Moment
@@ -224,6 +224,17 @@ class Recipe:
     def slowest_draw(self, frame: int) -> int:
         """Index of what a frame shows of the table that is drawn least often; 0 for all frames if nothing varies."""
         return self.scenario.slowest_draw(self.variant_number(frame)) if self.varies else 0
+
+    def split(self, frame: int) -> str:
+        """Draw a frame into train, val or test by the scenario's shares.
+
+        Frames of one clip are alike, as are those that share any draw, and stay together.
+        """
+        scenario = self.scenario
+        independent = isinstance(scenario.swing, Iid) and not self.varies and self.extensions.trajectory is None
+        unit = frame if independent else scenario.slowest_draw(scenario.clip.of(frame))
+        share = stream(scenario.seed, unit, "split").random()
+        return "train" if share < scenario.splits.train else "val" if share < 1 - scenario.splits.test else "test"
 
 
 def _find(role: str, given: F | str) -> F:

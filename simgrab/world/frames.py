@@ -131,18 +131,18 @@ class FrameGenerator:
         if self._scene is None:
             self._scene = self._build(frame)
         elif self._revised or self._scene.variant.number != self.recipe.variant_number(frame):
-            variant, extensions = self.recipe.variant(frame), self.recipe.extensions
-            if not self._scene.revise(variant, extensions):
+            variant = self.recipe.variant(frame)
+            if not self._scene.revise(variant, self.recipe):
                 before, self._scene = self._scene, None
                 before.close()  # before another is built, which may fail
                 plan = replanned(before.world.plan, before.variant, variant)
-                self._scene = Scene(variant, extensions, plan)
+                self._scene = Scene(variant, self.recipe, plan)
             self._revised = False
         return self._scene
 
     def _build(self, frame: int, plan: Plan | None = None) -> Scene:
         self._revised = False
-        return Scene(self.recipe.variant(frame), self.recipe.extensions, plan)
+        return Scene(self.recipe.variant(frame), self.recipe, plan)
 
     def project(self, frame: int) -> Projection:
         """Project a frame's moment.

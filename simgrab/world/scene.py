@@ -10,7 +10,7 @@ from simgrab.world.camera.buffers import NONE_VISIBLE, Buffers, observe
 from simgrab.world.camera.optics import Exposure
 from simgrab.world.camera.pipeline import Camera, Developed, exposed_rgb
 from simgrab.world.camera.renderer import Renderer
-from simgrab.world.extensions import NO_EXTENSIONS, Extensions
+from simgrab.world.extensions import Recipe
 from simgrab.world.projection import Projection, project
 from simgrab.world.scenery import model
 from simgrab.world.scenery.plan import Plan, draw_up, replanned
@@ -18,22 +18,22 @@ from simgrab.world.trajectory.trajectory import Trajectory
 
 
 class Scene:
-    """The world, renderer, camera and trajectory of one variant. It owns an OpenGL context: close it.
+    """The world, renderer, camera and trajectory of one variant of a recipe. It owns an OpenGL context: close it.
 
     A plan of the same variant is taken over if it exists already.
     """
 
-    def __init__(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS, plan: Plan | None = None) -> None:
+    def __init__(self, variant: Variant, recipe: Recipe, plan: Plan | None = None) -> None:
         self.variant, self.scenario = variant, variant.scenario
         plan = plan or draw_up(self.scenario, variant.draws)
         self.world = model.build(self.scenario, plan)
-        self.renderer = Renderer(self.world, self.scenario)
+        self.renderer = Renderer(self.world, self.scenario, split=recipe.split)
         self.close: Callable[[], None] = self.renderer.close  # frees the OpenGL context
         self.camera = Camera(self.scenario)
-        self.trajectory = Trajectory(self.scenario, extensions, plan)
+        self.trajectory = Trajectory(self.scenario, recipe.extensions, plan)
         self._metered: tuple[int, Exposure] | None = None
 
-    def revise(self, variant: Variant, extensions: Extensions = NO_EXTENSIONS) -> bool:
+    def revise(self, variant: Variant, recipe: Recipe) -> bool:
         """Become the scene of another variant, if the OpenGL context can stay; what has not changed is reused.
 
         Its frames are then bit-identical to those of a scene built for that variant. Returns whether it has changed; if
@@ -49,8 +49,8 @@ class Scene:
             return False
         plan, world = replanned(self.world.plan, self.variant, variant), self.world
         world = replace(world, plan=plan) if plan.bodies is world.plan.bodies else model.build(new, plan)
-        camera, trajectory = Camera(new), Trajectory(new, extensions, world.plan)
-        self.renderer.revise(world, old, new)
+        camera, trajectory = Camera(new), Trajectory(new, recipe.extensions, world.plan)
+        self.renderer.revise(world, old, new, recipe.split)
         self.variant, self.scenario, self.world = variant, new, world
         self.camera, self.trajectory, self._metered = camera, trajectory, None
         return True

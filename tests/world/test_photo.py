@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -13,10 +14,14 @@ import pytest
 from PIL import Image
 
 import simgrab
+from simgrab.dataset.notices import notices
 from simgrab.errors import ScenarioError
 from simgrab.io.photographs import Sequence, read
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
+from simgrab.world import gl
+from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.model import PLACE
 
 SIZE = (320, 180)
@@ -78,6 +83,34 @@ def test_a_folder_is_drawn_from_by_seed(tmp_path: Path) -> None:
     levels = [int(np.median(frame.rgb)) for frame in simgrab.frames(many)]
     assert {60, 120, 180} == set(levels)
     assert levels[7] == int(np.median(next(iter(simgrab.frames(many, (7,)))).rgb))
+
+
+@pytest.mark.parametrize("varies", [False, True])
+def test_a_photograph_is_in_one_split(tmp_path: Path, varies: bool) -> None:
+    (tmp_path / "yards").mkdir()
+    for i in range(12):
+        Image.fromarray(np.full((90, 160, 3), 60 + 10 * i, np.uint8)).save(tmp_path / "yards" / f"{i}.png")
+    changes = {"splits": {"train": 0.5, "val": 0.25, "test": 0.25}, "light.sun": 0.0, "frames": 60}
+    if varies:
+        changes |= {"clip.clip_frames": 3, "vary": {"camera.beta_deg": {"dist": "uniform", "low": 1.0, "high": 5.0}}}
+    shown: dict[str, set[int]] = {"train": set(), "val": set(), "test": set()}
+    for seed in (1, 2):
+        made = Recipe(scene(tmp_path, "yards", seed=seed, **changes))
+        for frame in simgrab.frames(made.scenario, buffers=False):
+            shown[made.split(frame.truth.frame)].add(int(np.median(frame.rgb)))
+    assert {split: len(levels) for split, levels in shown.items()} == {"train": 6, "val": 3, "test": 3}
+    assert len(set.union(*shown.values())) == 12
+
+
+def test_too_few_photographs_for_the_splits_are_named(tmp_path: Path) -> None:
+    (tmp_path / "yards").mkdir()
+    for i in range(2):
+        Image.fromarray(photograph(i)).save(tmp_path / "yards" / f"{i}.png")
+    two = scene(tmp_path, "yards")
+    (line,) = [line for line in notices(Recipe(two)) if line.startswith("splits")]
+    assert "fewer than 3 photographs" in line
+    half = scene(tmp_path, "yards", splits={"train": 0.5, "val": 0.5, "test": 0.0})
+    assert not [line for line in notices(Recipe(half)) if line.startswith("splits")]
 
 
 def test_a_dataset_holds_the_photographs_and_is_made_again(yard: Path) -> None:
@@ -180,3 +213,33 @@ def test_files_outside_the_scenes_folder_are_read_and_nothing_but_pictures(yard:
         scene(yard, "inner")
     with pytest.raises(ScenarioError, match=r"floodlights"):
         scene(yard, **{"light.sun": 0.0, "light.floodlights": 0.5})
+
+
+SUNS = [(25.0, 135.0), (35.0, 60.0), (57.7, -131.27), (75.0, 30.0)]  # elevation and azimuth, degrees
+WIDE = {
+    "camera.focal": {"model": "pixels", "focal_length_px": 172}, "image.shadow_map_px": 4096, "jib.head": "none",
+}  # fmt: skip
+
+
+def without_grab(scenario: Scenario) -> np.ndarray:
+    """Picture of what stands still."""
+    with FrameGenerator(scenario) as generator:
+        moment = replace(generator.project(0).moment, present=False)
+        return generator.scene(0).renderer.rgb(moment)
+
+
+@pytest.mark.parametrize(("elevation", "azimuth"), SUNS)
+@pytest.mark.parametrize("reuse", ["0", "1"])
+def test_level_ground_casts_no_shadow_on_itself(
+    yard: Path, elevation: float, azimuth: float, reuse: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(gl.REUSE, reuse)
+    sun = {"light.sun_elevation_deg": elevation, "light.sun_azimuth_deg": azimuth}
+    rgb = without_grab(scene(yard, **WIDE, **sun))
+    assert np.abs(rgb.astype(int) - photograph(1)).max() <= 1
+    dim = sun | {"light.sun": 0.3, "light.sky": 0.5}  # without a shadow map, light beyond 1 is cut off
+    whole, flat = (
+        without_grab(scenes.load("quay-day", SMALL | WIDE | dim | {"place": {"model": "plain"}} | more))
+        for more in ({}, {"image.shadow_map_px": 0})
+    )
+    assert np.abs(whole.astype(int) - flat).max() <= 1

@@ -3,7 +3,6 @@ import pytest
 from conftest import small_scene
 from scipy import stats
 
-from simgrab.dataset.stored import split
 from simgrab.errors import ScenarioError
 from simgrab.model.rng import stream
 from simgrab.world.extensions import Recipe
@@ -44,7 +43,7 @@ def test_gamma_counts_from_the_tilt_azimuth():
 
 
 def test_splits_follow_their_shares(scene):
-    names = [split(Recipe(scene), f) for f in range(4000)]
+    names = [Recipe(scene).split(f) for f in range(4000)]
     for name, share in (("train", 0.8), ("val", 0.1), ("test", 0.1)):
         assert names.count(name) / 4000 == pytest.approx(share, abs=0.02)
 

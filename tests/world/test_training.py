@@ -60,8 +60,8 @@ def test_labels_hold_what_was_drawn(varied):
 
 def test_frames_of_a_variant_stay_in_one_split():
     many = Recipe(scene(frames=200))
-    assert all(stored.split(many, f) == stored.split(many, f + 1) for f in range(0, 200, 2))
-    assert {stored.split(many, f) for f in range(200)} == {"train", "val", "test"}
+    assert all(many.split(f) == many.split(f + 1) for f in range(0, 200, 2))
+    assert {many.split(f) for f in range(200)} == {"train", "val", "test"}
 
 
 @pytest.mark.slow

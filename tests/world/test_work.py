@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -112,6 +113,22 @@ def test_hoisting_through_the_ground_is_refused():
         ScenarioError, match=r"swing\.work.*lowers the grab into the ground or the cargo; at most 2\d\.\d\d"
     ):
         vetted(Workers(Recipe(scene)))
+
+
+def test_a_refusal_names_a_rope_that_is_short_enough():
+    def refused(rope):
+        swing = {"swing__alpha__sigma_deg": 0.0, "swing__rope_length_m": rope, "swing__jaw_deg": 0.0}
+        scene = small_scene(frames=1, place={"model": "plain"}, **swing)
+        try:
+            vetted(Workers(Recipe(scene)))
+        except ScenarioError as problem:
+            return [float(number) for number in re.findall(r"(\d+\.\d\d) m", problem.problem)]
+        return []
+
+    _, most = refused(28.0)
+    assert not refused(most)
+    for beyond in (0.0101, 0.0149):
+        assert refused(most + beyond) == [round(most + 0.02, 2), most]
 
 
 def test_slewing_goes_on_at_its_speed():

@@ -144,4 +144,4 @@ class ClipWork:
         frame = generator.frame(number, full=generator.scenario.image.stores_buffers)
         if self.journal is not None and self._lacks(number):
             stored.encoded(generator, frame).keep(self.journal)
-        return Shot(frame.rgb, frame.truth, stored.split(generator.recipe, number))
+        return Shot(frame.rgb, frame.truth, generator.recipe.split(number))

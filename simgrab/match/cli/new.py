@@ -104,12 +104,13 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
             draft.write_text(text.replace("\nclamp = true", f"\n{jaws}\nclamp = true"), encoding="utf-8")
             scene = scenes.load(draft)
         size = _size_of_model(scene.grab) if 'model = "mesh"' in text else []
+    every = f"; [vary] draws again every {scene.clip.clip_frames} frames; a larger clip.clip_frames renders faster"
     for line in (
         *(f"warning: {line}" for line in answers.warnings),
         *(f"assumed: {line}" for line in answers.assumed),
         *(f"grab.file: {line}" for line in size),
         *([f"first: simgrab grab check {file} shows whether the 3-D model's size and axes are right"] if size else ()),
-        f"next: simgrab render {file}{'; [vary] draws again after each clip.clip_frames frames' if scene.vary else ''}",
+        f"next: simgrab render {file}{every if scene.vary else ''}",
     ):
         click.echo(printable(line))
 

@@ -6,6 +6,8 @@ import math
 from datetime import datetime
 from typing import Annotated, Literal
 
+import msgspec
+
 from simgrab.model import layouts
 from simgrab.model.layouts import Layout
 from simgrab.model.scenario.base import Share, Strict, about
@@ -138,3 +140,8 @@ class Splits(Strict, frozen=True):
     def check(self) -> None:  # noqa: D102
         if not math.isclose(self.train + self.val + self.test, 1.0, abs_tol=1e-9):
             raise ValueError(f"train + val + test must be 1, got {self.train + self.val + self.test:g}")
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """By the name of each split that is to have frames, its share."""
+        return {name: share for name, share in msgspec.structs.asdict(self).items() if share > 0}

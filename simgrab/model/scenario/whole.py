@@ -292,11 +292,11 @@ def _with_numbers(schema: Any) -> Any:
 
 
 def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge nested tables, ``change`` winning; a table of another ``model`` or ``dist`` replaces the old one whole."""
+    """Merge nested tables, ``change`` winning; a table with ``dist``, or of another ``model``, replaces the old one."""
     result = dict(base)
     for key, value in change.items():
         old = result.get(key)
-        if isinstance(old, Mapping) and isinstance(value, Mapping) and not _other_kind(old, value):
+        if isinstance(old, Mapping) and isinstance(value, Mapping) and not _replaces(old, value):
             result[key] = merged(old, value)
         else:
             result[key] = value
@@ -314,5 +314,10 @@ def difference(base: Mapping[str, Any], whole: Mapping[str, Any]) -> dict[str, A
     return kept
 
 
+def _replaces(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    return ("dist" in old and "dist" in new) or _other_kind(old, new)
+
+
 def _other_kind(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
-    return any(tag in new and new[tag] != old.get(tag) for tag in ("model", "dist"))
+    # Tables without the tag, such as those of `--set place.cargo=ore`, may be of any kind.
+    return any(tag in old and tag in new and new[tag] != old[tag] for tag in ("model", "dist"))

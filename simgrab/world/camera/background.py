@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import cv2
@@ -18,22 +19,32 @@ _REFUSE = partial(ScenarioError, "place.file")
 
 
 class Background:
-    """The photographs of a scenario's place, which is a `Photo`, as its camera sees them."""
+    """The photographs of a scenario's place, which is a `Photo`, as its camera sees them.
 
-    def __init__(self, scenario: Scenario) -> None:
+    Frames of a ``split`` show photographs of theirs alone, where there are enough.
+    """
+
+    def __init__(self, scenario: Scenario, split: Callable[[int], str] | None = None) -> None:
         place = scenario.place
         assert isinstance(place, Photo)
         self._scenario = scenario
         self._pictures = photographs.Sequence(models.recall(place.sha256, place.file, _REFUSE), _REFUSE)
+        self._split, self._shared_out = split, self._pictures.shared_out(scenario.splits.shares)
+
+    @property
+    def has_own_of_splits(self) -> bool:
+        """Whether each split has photographs of its own."""
+        return bool(self._shared_out)
 
     def number(self, frame: int) -> int:
-        """Choose the photograph that a frame shows: of a video in order, else random by frame or clip."""
+        """Choose the photograph that a frame shows: of a video in order, else random of those of the frame's split."""
         scenario = self._scenario
         clip = scenario.clip.of(frame)
         if self._pictures.is_video:
             return (frame - scenario.span(clip).start) % len(self._pictures)
         of = frame if isinstance(scenario.swing, Iid) else clip
-        return int(stream(scenario.seed, of, "place.photo").integers(len(self._pictures)))
+        own = self._shared_out[self._split(frame)] if self._split and self._shared_out else range(len(self._pictures))
+        return own[int(stream(scenario.seed, of, "place.photo").integers(len(own)))]
 
     def picture(self, number: int, drawn: Window) -> NDArray[np.uint8]:
         """Scale and cut a photograph to the picture, and take the lens' distortion out of it.

@@ -111,7 +111,7 @@ class Renderer:
     every picture drawn; the fingerprint says which it was.
 
     A ``station`` gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the
-    scenario's.
+    scenario's. ``split`` gives the split of a frame, whose photographs alone it shows.
 
     Attributes
     ----------
@@ -122,8 +122,9 @@ class Renderer:
     """
 
     def __init__(
-        self, world: World, scenario: Scenario, station: Callable[[Moment], tuple[Array, Array]] | None = None
-    ) -> None:
+        self, world: World, scenario: Scenario, station: Callable[[Moment], tuple[Array, Array]] | None = None, *,
+        split: Callable[[int], str] | None = None,
+    ) -> None:  # fmt: skip
         self.world = world
         self._image = scenario.image
         self._station = station
@@ -141,7 +142,7 @@ class Renderer:
             from simgrab.world.camera.passes import Passes  # PyOpenGL takes the platform that MuJoCo chose
 
             self._prepare(model)
-            self._background = Background(scenario) if isinstance(scenario.place, Photo) else None
+            self._background = Background(scenario, split) if isinstance(scenario.place, Photo) else None
             self._background_shown = -1
             screen = PHOTOGRAPH if self._background else ""
             self._passes = Passes(model, world.textures, self._buffer, self._aim.size, screen)
@@ -160,7 +161,7 @@ class Renderer:
         smooth = new.samples in (0, own.samples) and new.shadow_map_px == own.shadow_map_px
         return smooth and isinstance(scenario.place, Photo) == (self._background is not None)
 
-    def revise(self, world: World, old: Scenario, new: Scenario) -> None:
+    def revise(self, world: World, old: Scenario, new: Scenario, split: Callable[[int], str] | None) -> None:
         """Go on from one scenario to another, in the same OpenGL context.
 
         The world has the same model and other lights, or a model of its own.
@@ -187,7 +188,7 @@ class Renderer:
             others = [one for one in self._aims if (one.size, one.smooth) != (aim.size, smooth)]
         self._use(aim, [aim, *others][:_KEPT_AIMS])
         if self._background:
-            self._background, self._background_shown = Background(new), -1
+            self._background, self._background_shown = Background(new, split), -1
         self.world, self._posed = world, None
 
     def _use(self, aim: _Aim, kept: list[_Aim]) -> None:
@@ -332,7 +333,7 @@ class Renderer:
                 upwards = passes.map_from_jib(scene) @ jib_from_camera @ np.diag([1.0, -1.0, 1.0, 1.0])
                 cells = changes.receivers(self._still_buffers()[1], upwards, *self._pinhole)
                 if not self._shade_kept:  # it is the same for every camera
-                    passes.shade(scene, stand, keep=True)
+                    passes.shade(scene, self._casters(stand), keep=True)
                     self._shade_kept = True
                 passes.shade_over(scene, [], (0.0, 0.0, 0.0, 0.0))
             rect = self.aim(self._aim.drawn, scene)
@@ -341,6 +342,10 @@ class Renderer:
             seen = lens.map(self.full).resample(upright, cv2.INTER_CUBIC) if lens else upright
             self._aim.backdrop = rgb, seen, cells
         return self._aim.backdrop
+
+    def _casters(self, listed: list[Geom]) -> list[Geom]:
+        """Geoms that cast shadows."""
+        return [geom for geom in listed if geom.number in self.world.casters]
 
     def _moving_boxes(self) -> Array:
         """Corners of boxes that hold grab and ropes, jib frame, shape (n, 8, 3)."""
@@ -383,7 +388,7 @@ class Renderer:
         bent = lens.map(self.full) if lens else None
         if not self._at_rest(moment):
             if self._aim.shadowed:
-                passes.shade(scene, self._geoms)
+                passes.shade(scene, self._casters(self._geoms))
             rect = self.aim(self._aim.drawn, scene)
             rgb = passes.colour(scene, rect, self._geoms, shadowed=self._aim.shadowed)[::-1]
             return bent.resample(rgb, cv2.INTER_CUBIC) if bent else rgb

@@ -65,6 +65,12 @@ class World:
         pictures = {name: material.picture for name, material in self.materials.items()}
         return {name: picture for name, picture in pictures.items() if picture is not None}
 
+    @cached_property
+    def casters(self) -> frozenset[int]:
+        """Geoms that cast shadows."""
+        shades = [self.materials[self.model.material(number).name].shades for number in self.model.geom_matid]
+        return frozenset(np.flatnonzero(shades).tolist())
+
     def pose(self, data: mujoco.MjData, moment: Moment) -> None:
         """Set ``data`` to the moment, and ``model``'s geom groups to its visible geoms: cargo heap and ropes."""
         model, state = self.model, moment.grab

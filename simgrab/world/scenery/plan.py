@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -119,11 +120,12 @@ class Plan:
         jib, rope = moment.jib, moment.grab.rope_length
         gap = self._gap(moment, points_jib)
         if gap < CLEARANCE_M:
+            drawn, most = math.ceil(100 * rope) / 100, math.floor(100 * (rope - CLEARANCE_M + gap)) / 100
             shorten = "" if jib else ', or let swing.clamp = ["rope_length_m"] shorten such ropes'
             raise ScenarioError(
                 "swing.work" if jib else "swing.rope_length_m",
-                f"frame {moment.frame}: a rope of {rope:.2f} m lowers the grab into the ground or the cargo; "
-                f"at most {rope - CLEARANCE_M + gap:.2f} m there; raise jib.head_height_m (up to 35), lower what is "
+                f"frame {moment.frame}: a rope of {drawn:.2f} m lowers the grab into the ground or the cargo; "
+                f"at most {most:.2f} m there; raise jib.head_height_m (up to 35), lower what is "
                 f"below (place.fill of a hold, place.pile_height_m of a quay){shorten}",
             )
 

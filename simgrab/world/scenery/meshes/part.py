@@ -34,6 +34,8 @@ class Material:
         Side of one tile of the texture, metres, where UVs are metric (see `Part.uv`).
     specular, shininess, emission : float
         In [0, 1].
+    shades : bool
+        Whether it casts shadows. Level ground below everything else could cast one on itself alone, by rounding.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Material:
     specular: float = 0.2
     shininess: float = 0.2
     emission: float = 0.0
+    shades: bool = True
 
     @property
     def picture(self) -> Texture | None:

@@ -14,13 +14,13 @@ PHOTOGRAPH = "photograph"  # material of what shows one
 
 def plain(*, head_height: float) -> list[Part]:
     """Build the yard: one concrete slab, its top ``head_height`` metres below the rope exit."""
-    concrete = Material("yard", texture=textures.load("concrete"), tile_m=8.0, specular=0.05)
+    concrete = Material("yard", texture=textures.load("concrete"), tile_m=8.0, specular=0.05, shades=False)
     return [Part("yard", slab(head_height), concrete)]
 
 
 def photo(*, head_height: float) -> list[Part]:
     """Build the ground that a photograph takes the place of."""
-    return [Part("photograph", slab(head_height), Material(PHOTOGRAPH, specular=0.0))]
+    return [Part("photograph", slab(head_height), Material(PHOTOGRAPH, specular=0.0, shades=False))]
 
 
 def slab(head_height: float) -> trimesh.Trimesh:

@@ -36,7 +36,7 @@ def random_place(*, head_height: float, rng: np.random.Generator) -> list[Part]:
     """Build the place, in the jib frame: level ground ``head_height`` metres below the rope exit, and what is on it."""
     paint = np.random.default_rng(rng.integers(2**63))  # its own stream: shapes are the same whatever is painted
     picture = cache(partial(_picture, *paint.spawn(1)))
-    ground = Material("ground", texture=picture, tile_m=SPAN_M, specular=float(paint.uniform(0, 0.1)))
+    ground = Material("ground", texture=picture, tile_m=SPAN_M, specular=float(paint.uniform(0, 0.1)), shades=False)
     parts = [Part("ground", slab(0.0), ground)]
     parts += [_standing(number, rng, paint) for number in range(int(rng.integers(0, _MOST_SOLIDS + 1)))]
     return [part.moved(shapes.pose(0, 0, -head_height)) for part in parts]
