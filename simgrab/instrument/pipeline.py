@@ -231,7 +231,7 @@ class Pipeline:
         if controller is not None:
             controller, clock = on_clock(controller, record)
         estimator = informed(self.chosen(calibration), controller, record.pixel_sd, self._calibrated(record.time))
-        estimate, tilt, why = None, self.tilt, ""
+        estimate, tilt, why = None, self._tilt(calibration), ""
         if tilt is not None:
             record = record.with_lengths(controller)
         else:
@@ -245,7 +245,7 @@ class Pipeline:
                     record, nothing[:, 0], nothing[:, 1:], refused, needs_rope=estimator.needs_rope
                 )
                 return MeasuredRecord(record, measured, estimate, None, clock)
-            tilt = known(estimate)
+            tilt = known(estimate, calibration.roll_deg)
         alpha, ends, swing = angles.by_tilt(record, tilt, calibration)
         if estimate is not None and self.calibrate_s is None:
             assert estimate.alpha is not None
@@ -262,6 +262,10 @@ class Pipeline:
         measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=stated, firm=firm)
         return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
 
+    def _tilt(self, calibration: Calibration) -> Known | None:
+        """Return the given tilt, for the camera's roll."""
+        return None if self.tilt is None else self.tilt.rolled(calibration.roll_deg)
+
     def _calibrated(self, time: Array | None) -> Array | None:
         """Select the times of the frames, of (n,), that the tilt is estimated from."""
         if time is None or self.calibrate_s is None or not len(time):
@@ -274,7 +278,8 @@ class Pipeline:
         tracker = _tracker(estimator, calibration)
         observations: list[Observation] = []
         lengths: list[float] = []
-        tilt, estimated, start, due = self.tilt, self.tilt is None and tracker is None, math.nan, WARM_UP_S
+        tilt, start, due = self._tilt(calibration), math.nan, WARM_UP_S
+        estimated = tilt is None and tracker is None
         forecaster, watch, before = Forecaster(), FaultWatch(), tilt
         for frame in ahead(frames):
             begun = time.perf_counter()
@@ -302,7 +307,9 @@ class Pipeline:
                     whole = angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
                     windy = in_wind(estimator, self.controller, whole.time)
                     found = whole.estimate(windy, calibration)
-                    tilt = known(with_weak_prior(found, whole, windy, calibration)) if found.ok else tilt
+                    if found.ok:
+                        found = with_weak_prior(found, whole, windy, calibration)
+                        tilt = known(found, calibration.roll_deg)
             alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""
             if tracker is not None:
                 alpha[0], ends[0] = tracker.step(at, observations[-1].centre, lengths[-1])

@@ -75,7 +75,7 @@ def test_a_known_tilt_gives_the_angles_and_intervals_of_its_estimate(crane, name
     pixels[7] = np.nan
     camera = msgspec.structs.replace(crane.calibration, k1=-0.1, roll_deg=20.0)
     found = ESTIMATORS[name]().estimate(pixels, camera, rope_length=crane.rope, pixel_sd=sd)
-    alpha, ends, _ = follow(known(found), pixels, camera, rope_length=crane.rope, pixel_sd=sd)
+    alpha, ends, _ = follow(known(found, 20.0), pixels, camera, rope_length=crane.rope, pixel_sd=sd)
     np.testing.assert_allclose(alpha, found.alpha, atol=1e-8)
     # Student's quantile for 900 frames, by which the estimate scales the noise too, is 0.1 % beyond the normal one.
     np.testing.assert_allclose(ends, found.interval("iid").alpha, atol=2e-5)
@@ -85,7 +85,7 @@ def test_frames_to_come_are_as_uncertain_as_a_few_blocks_were(crane):
     estimator = MeanRay(intervals=IntervalSettings(block_s=30.0))
     found = estimator.estimate(crane.pixels, crane.calibration, time=crane.time)
     assert found.interval("blocks").blocks == 3
-    _, ends, _ = follow(known(found), crane.pixels, crane.calibration)
+    _, ends, _ = follow(known(found, 0.0), crane.pixels, crane.calibration)
     np.testing.assert_allclose(ends, found.interval("blocks").alpha, atol=1e-9)
     assert np.ptp(ends, axis=-1).mean() > 2 * np.ptp(found.interval("iid").alpha, axis=-1).mean()
 
@@ -404,6 +404,20 @@ def test_a_tilt_file_comes_back_and_a_bad_one_is_refused(tmp_path, crane):
         load(tmp_path / "none.toml")
     with pytest.raises(ValueError, match="shape"):
         Known("mean-ray", 5, 1.0, 0.0, (0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)))
+
+
+def test_a_tilt_serves_a_camera_file_that_states_another_roll(crane):
+    """Once the roll is known, the picture's directions turn; what the pixels say of α stays."""
+    seen = crane.observations(1.0)
+    first = made().conclude(seen, crane.calibration)
+    found = []
+    for by in (0.0, -9.0):
+        camera = msgspec.structs.replace(crane.calibration, roll_deg=crane.calibration.roll_deg + by)
+        found.append(made(tilt=first.tilt).conclude(seen, camera))
+    np.testing.assert_allclose(degrees(found[1].measurements), degrees(found[0].measurements), atol=1e-9)
+    assert found[1].tilt.tilt_azimuth_deg == pytest.approx((first.tilt.tilt_azimuth_deg + 9.0) % 360)
+    ways = np.degrees([[m.direction or 0.0 for m in one.measurements] for one in found])
+    assert np.abs((ways[1] - ways[0] + 180) % 360 - 180 - 9.0).max() < 1e-9 or not ways.any()
 
 
 def test_settings_that_exclude_each_other_are_refused():

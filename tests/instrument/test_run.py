@@ -147,6 +147,8 @@ def test_a_live_run_writes_the_same_files(clip, tmp_path):
     warning = dict(held(whole))["warning"]
     assert "errors of up to 2° that no 95 % interval here includes" in warning
     assert warning.endswith("; --plc or --imu measures the lean")
+    again = dict(held(run(clip, camera, tmp_path / "again", given)))["warning"]
+    assert again.endswith("; --plc or --imu, without --calibration, measures the lean")
     assert facts["warning"].endswith("; --imu measures the lean")
     assert (tmp_path / "given" / "annotated.mp4").exists()
 

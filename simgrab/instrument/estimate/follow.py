@@ -47,6 +47,8 @@ class Known(Checked, frozen=True):
         quantiles apply.
     weak_prior_offset_m : tuple of 3 floats, or None
         ``offset_m`` with the prior that tests it; None if its own prior does.
+    roll_deg : float
+        The camera's roll that azimuth and offsets were estimated with.
     """
 
     error = CalibrationError
@@ -58,6 +60,7 @@ class Known(Checked, frozen=True):
     offset_m: tuple[Metres, Metres, Metres] | None
     covariance: tuple[tuple[Entry, ...], ...]
     weak_prior_offset_m: tuple[Metres, Metres, Metres] | None = None
+    roll_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
 
     def check(self) -> None:  # noqa: D102
         shape = np.shape(self.covariance)
@@ -65,14 +68,28 @@ class Known(Checked, frozen=True):
         if shape != wanted:
             raise ValueError(f"covariance must have the shape {wanted}, got {shape}")
 
+    def rolled(self, roll_deg: float) -> Known:
+        """Return what the same pictures show of a camera of another roll: pixels fix the tilt's direction less it."""
+        by = self.roll_deg - roll_deg
+        if not by:
+            return self
+        turn = rotation_z(np.deg2rad(by))
+        offset, weak = (
+            None if one is None else _components(turn @ one) for one in (self.offset_m, self.weak_prior_offset_m)
+        )
+        azimuth = (self.tilt_azimuth_deg + by) % 360
+        return msgspec.structs.replace(
+            self, roll_deg=roll_deg, tilt_azimuth_deg=azimuth, offset_m=offset, weak_prior_offset_m=weak
+        )
+
     def to_toml(self) -> str:
         """Return the file's text."""
         data = msgspec.to_builtins(self)
         return tomli_w.dumps({key: value for key, value in data.items() if value is not None})
 
 
-def known(estimate: Estimate) -> Known:
-    """Keep the parts of an estimate that later frames need: tilt, offset, and their covariance.
+def known(estimate: Estimate, roll_deg: float) -> Known:
+    """Keep the parts of an estimate that later frames need: tilt, offset, and their covariance, with the stated roll.
 
     The covariance is by blocks if there are enough of them, and by frames otherwise.
     """
@@ -91,7 +108,7 @@ def known(estimate: Estimate) -> Known:
     return Known(
         estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(azimuth)),
         _components(offset), tuple(tuple(float(x) for x in row) for row in covariance),
-        _components(estimate.diagnostics.get(WEAK_PRIOR_OFFSET)),
+        _components(estimate.diagnostics.get(WEAK_PRIOR_OFFSET)), roll_deg,
     )  # fmt: skip
 
 

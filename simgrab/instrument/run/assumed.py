@@ -91,14 +91,16 @@ def assumptions(
     far = far_offset(offset_m, camera, by_motion=by_motion, fixed=fixed)
     yaw = np.array([np.nan if s.yaw is None else s.yaw for s in record.arrays.observations] if record else [], float)
     return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
-            "leans": _leans(camera.mount, live=record is None) if leans else "",
+            "leans": _leans(camera.mount, record, instrument) if leans else "",
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured, yaw)]))}  # fmt: skip
 
 
-def _leans(mount: str, *, live: bool) -> str:
+def _leans(mount: str, record: MeasuredRecord | None, instrument: Instrument) -> str:
     """Say how a camera that is not fixed leans, and what would measure it."""
     stated = LEANS.format(math.degrees(NORMAL * LEAN_BY_MOUNT[mount])) if mount else UNKNOWN
-    return f"{stated}; {'--imu' if live else '--plc or --imu'} measures the lean"
+    given = isinstance(instrument, Pipeline) and instrument.tilt is not None
+    by = "--imu" if record is None else "--plc or --imu, without --calibration," if given else "--plc or --imu"
+    return f"{stated}; {by} measures the lean"
 
 
 def _of_size(camera: Calibration, measured: Sequence[Measurement], yaw: Array) -> str:

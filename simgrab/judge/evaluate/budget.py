@@ -273,5 +273,6 @@ def steady(rows: tuple[Row, ...], camera: Calibration) -> Known:
     beta, azimuth = tilt_of(mount_from_camera(camera) @ down)
     nothing = tuple((0.0,) * 4 for _ in range(4))
     return Known(
-        "truth", len(rows), float(np.rad2deg(beta)), float(np.rad2deg(azimuth)), camera.offset_m, nothing
+        "truth", len(rows), float(np.rad2deg(beta)), float(np.rad2deg(azimuth)), camera.offset_m, nothing,
+        roll_deg=camera.roll_deg,
     )  # fmt: skip
