@@ -6,6 +6,7 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 
@@ -245,3 +246,13 @@ def test_half_a_pair_of_surrogates_is_no_text(scenario, why, tmp_path):
 def test_set_gives_no_key_twice():
     with pytest.raises(ScenarioError, match="frames: --set gives it twice"):
         scenes.parse_changes(["frames=3", "frames=5"])
+
+
+@pytest.mark.parametrize(("statuses", "expected"), [("read,jump,", [12.0, np.nan, np.nan]), (",,", None)])
+def test_lengths_that_a_run_has_from_a_controller_are_not_those_of_a_display(tmp_path, statuses, expected):
+    rows = zip((12.0, 12.5, 13.0), statuses.split(","), strict=True)
+    path = tmp_path / "angles.csv"
+    path.write_text("u_px,v_px,rope_length_m,rope_status\n" + "".join(f"900,500,{m},{status}\n" for m, status in rows))
+    np.testing.assert_array_equal(read_record(path, CAMERA).rope_length, [12.0, 12.5, 13.0])
+    found = read_record(path, CAMERA, displayed=True).rope_length
+    assert found is None if expected is None else np.array_equal(found, expected, equal_nan=True)

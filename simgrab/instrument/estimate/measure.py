@@ -136,14 +136,16 @@ def measure(
     """
     calibration, controller = camera_file.load(camera), None if plc is None else read_controller(plc)
     readings = None if imu is None else read_imu(imu)
+    states_rope = controller is not None and controller.rope is not None
     if estimator is None:
         moves = readings is not None or (controller is not None and controller.reports_motion)
-        states_rope = controller is not None and controller.rope is not None
         estimator = PendulumSmoother.name if moves else RopeAware.name if states_rope else DEFAULT
     kind = _kind(estimator)(intervals=WORKING)
     kind = kind if readings is None else PendulumSmoother(imu=readings, intervals=WORKING)
-    needs_rope = kind.needs_rope and (controller is None or controller.rope is None)
-    record = read_record(path, calibration, rope=needs_rope, time=kind.needs_time or controller is not None)
+    record = read_record(
+        path, calibration, rope=kind.needs_rope and not states_rope, time=kind.needs_time or controller is not None,
+        displayed=states_rope,
+    )  # fmt: skip
     clock: ClockOffset | None = None
     if controller is not None:
         controller, clock = on_clock(controller, record)

@@ -32,7 +32,9 @@ _DEVIATIONS = ("u_sd_px", "v_sd_px")  # as a run's angles.csv has them
 HEADER = "u_px, v_px[, u_sd_px, v_sd_px, rope_length_m, time_s]"
 
 
-def read_record(path: str | Path, calibration: Calibration, *, rope: bool = False, time: bool = False) -> PixelRecord:
+def read_record(
+    path: str | Path, calibration: Calibration, *, rope: bool = False, time: bool = False, displayed: bool = False
+) -> PixelRecord:  # fmt: skip
     """Read the columns of `HEADER`; the first two may be called ``grab_u_px, grab_v_px``.
 
     Parameters
@@ -43,6 +45,8 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
         Camera in whose picture the pixels must lie.
     rope, time : bool
         Whether the column is required. An optional column may be empty, and an optional rope length invalid.
+    displayed : bool
+        Whether to leave out lengths that a run did not read on the display, and so has from a controller.
 
     Raises
     ------
@@ -66,6 +70,9 @@ def read_record(path: str | Path, calibration: Calibration, *, rope: bool = Fals
         if rope:
             raise
         length = None
+    if displayed and length is not None and "rope_status" in table.column_names:
+        read = np.array([str(status) == "read" for status in table["rope_status"].to_pylist()])
+        length = np.where(read, length, np.nan) if read.any() else None
     seconds = _numbers(path, table, "time_s") if "time_s" in table.column_names else None
     if seconds is not None and not time and np.isnan(seconds).all():  # as in the labels of independent frames
         seconds = None
