@@ -102,8 +102,8 @@ class Sequence:
     def shared_out(self, shares: Mapping[str, float]) -> dict[str, list[int]]:
         """Share the photographs out by the hash of their names alone, so that none moves as a folder grows.
 
-        A part in whose share no hash lies takes the photograph of the nearest one. A video, and fewer photographs than
-        parts, are not shared out: then nothing is returned.
+        A part in whose share no hash lies yet takes the photograph of the nearest one. A video, and fewer photographs
+        than parts, are not shared out: then nothing is returned.
         """
         if self.is_video or self._count < len(shares):
             return {}

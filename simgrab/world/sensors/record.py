@@ -123,7 +123,7 @@ def sensors(
 
 def devices_of(variant: Variant, clip: int, split: Callable[[int], str], *, renders: bool = False) -> dict[str, Device]:
     """Set up the sensors of one clip, by name; with ``renders`` cameras render their pictures. Close them."""
-    scenario, devices = variant.scenario, dict[str, Device]()
+    scenario, devices = variant.scenario, {}
     for name, sensor in scenario.sensors.items():
         opened = streams(scenario.seed, clip, name)
         setting = Setting(scenario, variant.draws, opened, scenario.span(clip), split, renders)
