@@ -65,5 +65,5 @@ if __name__ == "__main__":
     for page in TABLES:
         path, text = DOCS / page, filled(page)
         if "--check" in sys.argv and text != path.read_text(encoding="utf-8"):
-            sys.exit(f"{path.name} is out of date: run python -m scripts.make_tables")
+            sys.exit(f"{path.name} is out of date: run scripts/python -m scripts.make_tables")
         path.write_text(text, encoding="utf-8")

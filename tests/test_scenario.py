@@ -1,3 +1,4 @@
+import itertools
 import json
 import math
 import re
@@ -14,6 +15,7 @@ from simgrab.io.strict import convert
 from simgrab.model import scenes
 from simgrab.model.distributions import Choice
 from simgrab.model.scenario import Scenario, merged, schema, vary
+from simgrab.model.scenario.whole import difference
 
 BAD = [
     ("camera.betta_deg", 1.0, "did you mean 'beta_deg'"),
@@ -161,6 +163,19 @@ def test_set_takes_toml_values():
 def test_another_kind_replaces_a_table_whole():
     assert merged({"a": {"model": "x", "p": 1}}, {"a": {"model": "y"}}) == {"a": {"model": "y"}}
     assert merged({"a": {"model": "x", "p": 1}}, {"a": {"q": 2}}) == {"a": {"model": "x", "p": 1, "q": 2}}
+
+
+def test_a_difference_merges_to_the_whole():
+    weighted = {"dist": "choice", "values": [0, 42], "weights": [3, 1]}
+    laws = [
+        weighted, {"dist": "choice", "values": [0, 42]}, {"dist": "choice", "values": [1], "weights": [2]},
+        {"dist": "normal", "mean": 1.0, "sd": 1.0}, {"dist": "normal", "mean": 2.0},
+    ]  # fmt: skip
+    for old, new in itertools.permutations(laws, 2):
+        base, whole = ({"a": {"law": law, "b": 1}} for law in (old, new))
+        assert merged(base, difference(base, whole)) == whole
+    null = {"law": weighted | {"weights": None}}
+    assert merged({"law": weighted}, difference({"law": weighted}, null)) == {"law": laws[1]}
 
 
 def test_files_may_name_one_base(tmp_path):

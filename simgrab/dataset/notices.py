@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
 
-from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid, Mesh, Photo, Scenario
+import msgspec
+
+from simgrab.errors import ScenarioError
+from simgrab.io import models, photographs
+from simgrab.model.scenario import Camera, Cycles, Dynamic, Iid, Mesh, OneOf, Scenario
+from simgrab.model.scenario.factor import JOINT
 from simgrab.model.truth import SPLITS
-from simgrab.world.camera.background import Background
 from simgrab.world.extensions import Recipe
 
 FEW_WORLDS = 100
@@ -15,6 +20,7 @@ READ_PX = 14
 """Height of digits in pictures of 640 x 360 px, all of which were read; of those of 11 px none was."""
 FAR = 2.0
 """Ratio of a split's worlds to those stated, from which on it is named."""
+_REFUSE = partial(ScenarioError, "place.file")
 
 
 def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
@@ -27,7 +33,7 @@ def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
     if isinstance(scenario.grab, Mesh) and isinstance(scenario.swing, Iid) and scenario.swing.load.support()[1]:
         lines.append("swing.load has no effect on a grab from a file, which holds no load")
     lines += _of_weather(scenario) + _of_display(scenario)
-    return lines + (_of_photographs(scenario) + _of_splits(recipe) if splits else [])
+    return lines + (_of_photographs(recipe) + _of_splits(recipe) if splits else [])
 
 
 def _of_independent(recipe: Recipe) -> list[str]:
@@ -76,12 +82,36 @@ def _of_clips(recipe: Recipe) -> list[str]:
     ]
 
 
-def _of_photographs(scenario: Scenario) -> list[str]:
-    """Name splits that show the same photographs."""
-    parts = len(scenario.splits.shares)
-    if parts == 1 or not isinstance(scenario.place, Photo) or Background(scenario).has_own_of_splits:
+def _of_photographs(recipe: Recipe) -> list[str]:
+    """Name photographs that frames of several splits show."""
+    scenario = recipe.scenario
+    parts, named, step = len(scenario.splits.shares), _photographs(scenario), 1
+    if recipe.varies or not isinstance(scenario.swing, Iid):
+        step = scenario.clip.clip_frames or scenario.frames
+    frames = range(0, scenario.frames, step)  # the first of each unit that has a split
+    if parts == 1 or not named or all(recipe.split(frame) == recipe.split(0) for frame in frames):
         return []
-    return [f"splits: a video, or fewer than {parts} photographs, are shown in every split; use a folder of more"]
+    lines = list[str]()
+    for sha256, file in named.items():
+        shown = photographs.Sequence(models.recall(sha256, file, _REFUSE), _REFUSE)
+        if not shown.shared_out(scenario.splits.shares):
+            what = "a video" if shown.is_video else f"{len(shown)} photograph{'s' * (len(shown) > 1)}"
+            lines.append(
+                f"splits: {file}: {what} for {parts} splits, which show the same; use a folder of {parts} photographs "
+                "or more"
+            )
+    return lines
+
+
+def _photographs(scenario: Scenario) -> dict[str, str]:
+    """By the SHA-256 of the photographs that frames may show, the name of their file."""
+    drawn = [(key, factor.values) for key, factor in scenario.vary.items() if isinstance(factor, OneOf)]
+    places = [
+        value["place"] if JOINT in key else value
+        for key, values in drawn if "place" in key.split(JOINT) for value in values
+    ]  # fmt: skip
+    places = places or [msgspec.to_builtins(scenario.place)]
+    return {place["sha256"]: place["file"] for place in places if place.get("model") == "photo"}
 
 
 def _of_splits(recipe: Recipe) -> list[str]:

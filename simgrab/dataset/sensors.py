@@ -17,7 +17,7 @@ from simgrab.dataset.sensor_files import STAMP, description_of, folder_of, pictu
 from simgrab.dataset.tables import Writing
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import Lidar, Scenario, SideCamera, Variant
+from simgrab.model.scenario import Lidar, Scenario, SideCamera
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs import design_of
 
@@ -48,14 +48,15 @@ def write(recipe: Recipe, writing: Writing, recorded: Callable[[], None] = lambd
     """
     scenario = recipe.scenario
     for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
-        _write_clip(recipe.variant(scenario.span(clip).start), clip, writing, recorded)
+        _write_clip(recipe, clip, writing, recorded)
     return list(sensor_files.names(scenario))
 
 
-def _write_clip(variant: Variant, clip: int, writing: Writing, recorded: Callable[[], None]) -> None:
+def _write_clip(recipe: Recipe, clip: int, writing: Writing, recorded: Callable[[], None]) -> None:
     from simgrab.world.sensors.record import devices_of, record  # with SciPy's filters, as for the physics of frames
 
-    devices, scenario = devices_of(variant, clip, renders=True), variant.scenario
+    variant = recipe.variant(recipe.scenario.span(clip).start)
+    devices, scenario = devices_of(variant, clip, recipe.split, renders=True), variant.scenario
     grab_kg = design_of(scenario.grab).mass_of(0.0, 0.0).mass
     with ExitStack() as stack:
 

@@ -100,18 +100,22 @@ class Sequence:
         return self._count
 
     def shared_out(self, shares: Mapping[str, float]) -> dict[str, list[int]]:
-        """Share the photographs out, by a hash of their names: each part gets its share, and at least one.
+        """Share the photographs out by the hash of their names alone, so that none moves as a folder grows.
 
-        A video, and fewer photographs than parts, are not shared out: then nothing is returned.
+        A part in whose share no hash lies yet takes the photograph of the nearest one. A video, and fewer photographs
+        than parts, are not shared out: then nothing is returned.
         """
         if self.is_video or self._count < len(shares):
             return {}
-        hashes = [hashlib.sha256(PurePosixPath(name).name.encode()).digest() for name in self._names]
-        order, largest = sorted(range(self._count), key=hashes.__getitem__), max(shares, key=shares.__getitem__)
-        sizes = {name: max(1, int(share * self._count)) for name, share in shares.items()}
-        sizes[largest] += self._count - sum(sizes.values())
-        ends = itertools.accumulate(sizes.values())
-        return {name: order[end - sizes[name] : end] for name, end in zip(sizes, ends, strict=True)}
+        hashes = [_hash(PurePosixPath(name).name) for name in self._names]
+        ends = dict(zip(shares, itertools.accumulate(shares.values()), strict=True))
+        ends[[*shares][-1]] = 1.0  # in spite of rounding
+        part_of = [next(part for part, end in ends.items() if at < end) for at in hashes]
+        for part, end in ends.items():
+            if part not in part_of:
+                spare = [number for number, other in enumerate(part_of) if part_of.count(other) > 1]
+                part_of[min(spare, key=lambda n: abs(hashes[n] - (end - shares[part] / 2)))] = part
+        return {part: [n for n, other in enumerate(part_of) if other == part] for part in shares}
 
     def __getitem__(self, number: int) -> Picture:
         """Decode a picture, RGB, shape (height, width, 3); a video is decoded fastest in frame order."""
@@ -131,6 +135,11 @@ class Sequence:
         except (av.FFmpegError, StopIteration):
             self._frames = None
             raise self._refuse(f"{self._model.name}: frame {self._next} of {self._count} cannot be decoded") from None
+
+
+def _hash(name: str) -> float:
+    """Uniform in [0, 1)."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:6]) / 2**48
 
 
 def _photograph(name: str, data: bytes, refuse: Refuse) -> Picture:

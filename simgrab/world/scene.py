@@ -27,7 +27,7 @@ class Scene:
         self.variant, self.scenario = variant, variant.scenario
         plan = plan or draw_up(self.scenario, variant.draws)
         self.world = model.build(self.scenario, plan)
-        self.renderer = Renderer(self.world, self.scenario, split=recipe.split)
+        self.renderer = Renderer(self.world, self.scenario, recipe.split)
         self.close: Callable[[], None] = self.renderer.close  # frees the OpenGL context
         self.camera = Camera(self.scenario)
         self.trajectory = Trajectory(self.scenario, recipe.extensions, plan)

@@ -85,7 +85,9 @@ def test_the_moment_that_is_scanned_is_the_frames():
 def scanned(distance=25.0, weather=None, **keys):
     """One scan of a wall that is as far away in every direction, with its truth."""
     sensor = Lidar(rings=60, columns=120, **CLEAN | keys)
-    device = LidarDevice(sensor, Setting(scene(weather), Draws(), lambda name: stream(1, 0, name)))
+    device = LidarDevice(
+        sensor, Setting(scene(weather), Draws(), lambda name: stream(1, 0, name), range(1), lambda _: "train")
+    )
     true = np.full(7200, distance)
     device.cast = lambda *_: (true, np.zeros(7200, int))
     return device._scan(None, 0)

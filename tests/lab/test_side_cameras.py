@@ -65,6 +65,32 @@ def test_a_picture_shows_the_target_where_the_files_project_it(written, name, fr
     np.testing.assert_allclose(middle, pixels[0], atol=2.5)  # ropes stand before it
 
 
+@pytest.mark.parametrize("file", ["yards", "yard.avi"])
+def test_a_picture_over_photographs_shows_that_of_its_frame(tmp_path, file):
+    (tmp_path / "yards").mkdir()
+    film = cv2.VideoWriter(str(tmp_path / "yard.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 9, (128, 96))
+    for i in range(9):
+        picture = np.full((96, 128, 3), 60 + 20 * i, np.uint8)
+        cv2.imwrite(str(tmp_path / f"yards/{i}.png"), picture)
+        film.write(picture)
+    film.release()
+    (tmp_path / "scene.toml").write_text(f'base = "free-swing"\n[place]\nmodel = "photo"\nfile = "{file}"\n')
+    top = {
+        "model": "camera", "mount": "jib-head", "elevation_deg": -80.0, "width_px": 128, "height_px": 96,
+        "focal_length_px": 110.0,
+    }  # fmt: skip
+    scenario = simgrab.load(tmp_path / "scene.toml", {
+        "camera.width_px": 128, "camera.height_px": 96, "camera.focal": {"model": "pixels", "focal_length_px": 110},
+        "frames": 16, "clip.clip_frames": 2, "light.sun": 0.0, "display.layout": "none", "sensors": {"top": top},
+        "splits": {"train": 0.4, "val": 0.3, "test": 0.3},
+    })  # fmt: skip
+    files.write(Recipe(scenario), into(tmp_path / "out"))
+    own = [np.median(frame.rgb) for frame in simgrab.frames(scenario, buffers=False)]
+    data = [tmp_path / f"out/sensors/clip_{i // 2:03d}/top/data/{i % 2:06d}.jpg" for i in range(16)]
+    np.testing.assert_allclose([np.median(cv2.imread(str(path))) for path in data], own, atol=3)
+    assert np.ptp(own) > 15
+
+
 def test_in_python_a_camera_gives_its_truth_and_renders_nothing():
     scenario = simgrab.load("free-swing", CHANGES)
     read = simgrab.sensors(scenario)["cam1"]

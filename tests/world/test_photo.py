@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from PIL import Image
 import simgrab
 from simgrab.dataset.notices import notices
 from simgrab.errors import ScenarioError
-from simgrab.io.photographs import Sequence, read
+from simgrab.io.photographs import Sequence as Photographs
+from simgrab.io.photographs import read
 from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
 from simgrab.world import gl
@@ -98,19 +100,59 @@ def test_a_photograph_is_in_one_split(tmp_path: Path, varies: bool) -> None:
         made = Recipe(scene(tmp_path, "yards", seed=seed, **changes))
         for frame in simgrab.frames(made.scenario, buffers=False):
             shown[made.split(frame.truth.frame)].add(int(np.median(frame.rgb)))
-    assert {split: len(levels) for split, levels in shown.items()} == {"train": 6, "val": 3, "test": 3}
-    assert len(set.union(*shown.values())) == 12
+    assert all(shown.values())
+    assert sum(map(len, shown.values())) == len(set.union(*shown.values())) == 12
 
 
-def test_too_few_photographs_for_the_splits_are_named(tmp_path: Path) -> None:
-    (tmp_path / "yards").mkdir()
-    for i in range(2):
-        Image.fromarray(photograph(i)).save(tmp_path / "yards" / f"{i}.png")
-    two = scene(tmp_path, "yards")
-    (line,) = [line for line in notices(Recipe(two)) if line.startswith("splits")]
-    assert "fewer than 3 photographs" in line
-    half = scene(tmp_path, "yards", splits={"train": 0.5, "val": 0.5, "test": 0.0})
-    assert not [line for line in notices(Recipe(half)) if line.startswith("splits")]
+def by_name(folder: Path, names: Sequence[str], shares: dict[str, float]) -> dict[str, set[str]]:
+    """Names of the photographs of each split, in a new folder of these."""
+    folder.mkdir()
+    for name in names:
+        Image.fromarray(photograph(1, (32, 32))).save(folder / name)
+    own = Photographs(read(folder, AssertionError), AssertionError).shared_out(shares)
+    return {split: {sorted(names)[number] for number in numbers} for split, numbers in own.items()}
+
+
+def test_no_photograph_moves_to_another_split_as_a_folder_grows(tmp_path: Path) -> None:
+    names, shares = [f"{i:03d}.png" for i in range(300)], {"train": 0.8, "val": 0.1, "test": 0.1}
+    few, many = (by_name(tmp_path / str(count), names[:count], shares) for count in (60, 300))
+    for split, share in shares.items():
+        assert few[split] == many[split] & set(names[:60])
+        assert len(many[split]) == pytest.approx(300 * share, abs=4 * (300 * share * (1 - share)) ** 0.5)
+    names = [name for name in names if name not in many["val"]]
+    short = by_name(tmp_path / "short", names, shares)
+    assert len(short["val"]) == 1
+    assert {split: own - short["val"] for split, own in short.items()} == {
+        split: own - short["val"] - many["val"] for split, own in many.items()
+    }
+    assert all(map(len, by_name(tmp_path / "three", names[:3], shares).values()))
+
+
+def split_lines(scenario: Scenario) -> list[str]:
+    return [line for line in notices(Recipe(scenario)) if "photograph" in line]
+
+
+def test_too_few_photographs_for_the_splits_are_named(yard: Path) -> None:
+    (yard / "yards").mkdir()
+    for i in range(3):
+        Image.fromarray(photograph(i)).save(yard / "yards" / f"{i}.png")
+    (yard / "yard.mp4").write_bytes(video(grey(60, 120)))
+    (line,) = split_lines(scene(yard, frames=40))
+    assert line.startswith("splits: yard.png: 1 photograph for 3 splits")
+    (line,) = split_lines(scene(yard, "yard.mp4", frames=40))
+    assert "a video for 3 splits" in line
+    assert not split_lines(scene(yard, "yards", frames=40))
+    assert not split_lines(scene(yard, frames=1))
+    assert not split_lines(scene(yard, frames=40, splits={"train": 0.0, "val": 0.0, "test": 1.0}))
+    photos = [{"model": "photo", "file": str(yard / name)} for name in ("yards", "yard.png", "yard.mp4")]
+    for key, values in (
+        ("place", photos), ("light.sun+place", [{"light.sun": 0.5, "place": photo} for photo in photos]),
+    ):  # fmt: skip
+        varied = {"clip.clip_frames": 4, "vary": {key: {"dist": "one-of", "values": values}}}
+        (yard / "varied.toml").write_text('base = "quay-day"\n', "utf-8")
+        lines = split_lines(scenes.load(yard / "varied.toml", SMALL | varied | {"frames": 40}))
+        assert [line.split(": ")[1] for line in lines] == ["yard.png", "yard.mp4"]
+        assert not split_lines(scenes.load(yard / "varied.toml", SMALL | varied | {"frames": 4}))
 
 
 def test_a_dataset_holds_the_photographs_and_is_made_again(yard: Path) -> None:
@@ -162,7 +204,7 @@ def test_a_photograph_and_a_video_are_shown_as_players_show_them(tmp_path: Path)
     Image.fromarray(rgb).save(tmp_path / "turned.png", exif=exif)
     (tmp_path / "turned.mp4").write_bytes(video([rgb], "libx264rgb", -90, qp="0"))
     for name in ("turned.png", "turned.mp4"):
-        shown = Sequence(read(tmp_path / name, AssertionError), AssertionError)[0]
+        shown = Photographs(read(tmp_path / name, AssertionError), AssertionError)[0]
         np.testing.assert_array_equal(shown, np.rot90(rgb, -1), name)
     cv2.imwrite(str(tmp_path / "deep.png"), rgb[..., 0].astype(np.uint16) * 16)
     with pytest.raises(ScenarioError, match=r"16-bit values .*; store 8 bits"):

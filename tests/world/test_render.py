@@ -15,6 +15,7 @@ from simgrab.model.scenario import Jib
 from simgrab.world import gl
 from simgrab.world.camera.buffers import observe
 from simgrab.world.camera.renderer import Renderer
+from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.scenery.model import GRAB
@@ -52,7 +53,7 @@ def test_a_small_sphere_appears_where_project_says(scene, crooked_scene, lens):
     depth = np.array([6.0, 8.0, 7.0] * 3)
     xy = (ideal - (camera.intrinsics.cx_px, camera.intrinsics.cy_px)) / camera.intrinsics.f_px
     centres = np.column_stack([xy, np.ones(9)]) * depth[:, None] @ rotation.T + camera.offset_m
-    with closing(Renderer(Spheres(centres), scenario)) as renderer:
+    with closing(Renderer(Spheres(centres), scenario, Recipe(scenario).split)) as renderer:
         view = renderer.view(draw(scenario, 0))
         expected = camera.intrinsics.project(geometry.to_camera(centres, rotation, camera.offset_m))
         errors = []
@@ -153,7 +154,7 @@ def test_no_opengl_says_what_to_install(monkeypatch, scene):
 
     monkeypatch.setattr(f"mujoco.{os.environ['MUJOCO_GL']}.GLContext", broken)
     with pytest.raises(RendererError, match="apt-get install"):
-        Renderer(types.SimpleNamespace(model=mujoco.MjSpec().compile(), textures={}), scene)
+        Renderer(types.SimpleNamespace(model=mujoco.MjSpec().compile(), textures={}), scene, Recipe(scene).split)
 
 
 def test_a_sun_that_does_not_shine_casts_no_shadows_and_none_are_missed():

@@ -14,6 +14,7 @@ from simgrab.dataset.pool import Workers, vetted
 from simgrab.errors import ScenarioError
 from simgrab.model import scenes
 from simgrab.world.extensions import Recipe
+from simgrab.world.frames import FrameGenerator
 from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.trajectory.axis import CommandedAxis, Move
 from simgrab.world.trajectory.clip import ClipMotion
@@ -129,6 +130,12 @@ def test_a_refusal_names_a_rope_that_is_short_enough():
     assert not refused(most)
     for beyond in (0.0101, 0.0149):
         assert refused(most + beyond) == [round(most + 0.02, 2), most]
+
+
+def test_large_swings_of_the_papers_scene_shorten_their_rope():
+    with FrameGenerator(scenes.load("paper-ideal", {"frames": 300, "swing.alpha.sigma_deg": 15.0})) as generator:
+        clamped = [generator.project(frame).moment.clamped for frame in range(300)]
+    assert set(clamped) == {(), ("rope_length_m",)}
 
 
 def test_slewing_goes_on_at_its_speed():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,11 +18,12 @@ from simgrab.world.sensors.motion import Motion
 from simgrab.world.trajectory.moment import Moment
 
 QUALITY = 95
+ROUNDING = 1e-6  # frames
 SKY_RGB = (176, 190, 205)
 
 
 class CameraDevice(Device):
-    """Pictures without weather, optics, lens or display."""
+    """Pictures without weather, optics, lens or display; a photograph is that of the latest frame."""
 
     columns = ("picture",)
     truth_columns = ("time [s]", "radius [m]", "u [px]", "v [px]", *SWING)
@@ -48,7 +51,9 @@ class CameraDevice(Device):
         return rotation, centre
 
     def _read(self, motion: Motion) -> tuple[Array, Array]:
-        moments = [motion.moment(i) for i in range(len(motion.time))]
+        frames, rate = self._setting.frames, self._setting.scenario.clip.frame_rate_hz
+        latest = np.minimum(motion.time * rate + ROUNDING, len(frames) - 1).astype(int)
+        moments = [replace(motion.moment(i), frame=frames[latest[i]]) for i in range(len(motion.time))]
         pixels = np.array([self._pixel(moment) for moment in moments]).reshape(-1, 2)
         number = np.arange(self._taken, self._taken + len(moments), dtype=float)
         self._taken += len(moments)
@@ -67,7 +72,7 @@ class CameraDevice(Device):
 
             scenario = self._setting.scenario
             world = model.build(scenario, draw_up(scenario, self._setting.world))
-            self._renderer = Renderer(world, scenario.with_camera(self._camera), self.station)
+            self._renderer = Renderer(world, scenario.with_camera(self._camera), self._setting.split, self.station)
             self._close = self._renderer.close
         picture = np.array(self._renderer.rgb(moment))
         picture[self._renderer.view(moment).ids == model.NOTHING] = SKY_RGB

@@ -304,13 +304,19 @@ def merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]
 
 
 def difference(base: Mapping[str, Any], whole: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the change with which `merged` turns ``base`` into ``whole``; null or missing values are left out."""
+    """Return the change with which `merged` turns ``base`` into ``whole``.
+
+    Null or missing values are left out, but for those of a table with ``dist``, which is then returned whole.
+    """
     kept = {}
     for key, value in whole.items():
         old = base.get(key)
         if value is not None and value != old:
             alike = isinstance(old, Mapping) and isinstance(value, Mapping) and not _other_kind(old, value)
-            kept[key] = difference(old, value) if alike else without_none(value)  # type: ignore[arg-type]
+            if alike and not ("dist" in value and without_none(old).keys() - without_none(value)):
+                kept[key] = difference(old, value)  # type: ignore[arg-type]
+            else:
+                kept[key] = without_none(value)
     return kept
 
 

@@ -24,17 +24,12 @@ class Background:
     Frames of a ``split`` show photographs of theirs alone, where there are enough.
     """
 
-    def __init__(self, scenario: Scenario, split: Callable[[int], str] | None = None) -> None:
+    def __init__(self, scenario: Scenario, split: Callable[[int], str]) -> None:
         place = scenario.place
         assert isinstance(place, Photo)
         self._scenario = scenario
         self._pictures = photographs.Sequence(models.recall(place.sha256, place.file, _REFUSE), _REFUSE)
         self._split, self._shared_out = split, self._pictures.shared_out(scenario.splits.shares)
-
-    @property
-    def has_own_of_splits(self) -> bool:
-        """Whether each split has photographs of its own."""
-        return bool(self._shared_out)
 
     def number(self, frame: int) -> int:
         """Choose the photograph that a frame shows: of a video in order, else random of those of the frame's split."""
@@ -43,7 +38,7 @@ class Background:
         if self._pictures.is_video:
             return (frame - scenario.span(clip).start) % len(self._pictures)
         of = frame if isinstance(scenario.swing, Iid) else clip
-        own = self._shared_out[self._split(frame)] if self._split and self._shared_out else range(len(self._pictures))
+        own = self._shared_out[self._split(frame)] if self._shared_out else range(len(self._pictures))
         return own[int(stream(scenario.seed, of, "place.photo").integers(len(own)))]
 
     def picture(self, number: int, drawn: Window) -> NDArray[np.uint8]:

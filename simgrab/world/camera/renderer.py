@@ -110,8 +110,8 @@ class Renderer:
     shadows may differ from those of a picture that is drawn whole, as the environment variable ``SIMGRAB_REUSE=0`` has
     every picture drawn; the fingerprint says which it was.
 
-    A ``station`` gives rotation (3, 3) and centre (3,) of the camera in the jib frame at a moment, in place of the
-    scenario's. ``split`` gives the split of a frame, whose photographs alone it shows.
+    ``split`` gives the split of a frame, whose photographs alone it shows. A ``station`` gives rotation (3, 3) and
+    centre (3,) of the camera in the jib frame at a moment, in place of the scenario's.
 
     Attributes
     ----------
@@ -122,8 +122,8 @@ class Renderer:
     """
 
     def __init__(
-        self, world: World, scenario: Scenario, station: Callable[[Moment], tuple[Array, Array]] | None = None, *,
-        split: Callable[[int], str] | None = None,
+        self, world: World, scenario: Scenario, split: Callable[[int], str],
+        station: Callable[[Moment], tuple[Array, Array]] | None = None,
     ) -> None:  # fmt: skip
         self.world = world
         self._image = scenario.image
@@ -161,7 +161,7 @@ class Renderer:
         smooth = new.samples in (0, own.samples) and new.shadow_map_px == own.shadow_map_px
         return smooth and isinstance(scenario.place, Photo) == (self._background is not None)
 
-    def revise(self, world: World, old: Scenario, new: Scenario, split: Callable[[int], str] | None) -> None:
+    def revise(self, world: World, old: Scenario, new: Scenario, split: Callable[[int], str]) -> None:
         """Go on from one scenario to another, in the same OpenGL context.
 
         The world has the same model and other lights, or a model of its own.

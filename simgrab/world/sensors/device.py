@@ -30,6 +30,10 @@ class Setting:
         Keys of the random details of the place.
     opened : callable
         Opens the sensor's streams.
+    frames : range
+        Numbers of the clip's frames.
+    split : callable
+        Gives the split of a frame.
     renders : bool
         Whether cameras render pictures; other values are the same without them.
     """
@@ -37,6 +41,8 @@ class Setting:
     scenario: Scenario
     world: Draws
     opened: Open
+    frames: range
+    split: Callable[[int], str]
     renders: bool = False
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -105,7 +105,7 @@ def sensors(
         raise IndexError(f"clip {number} is out of range: the scenario has {count} clips")
     number %= count
     variant = recipe.variant(scenario.span(number).start)
-    one, devices = variant.scenario, devices_of(variant, number)
+    one, devices = variant.scenario, devices_of(variant, number, recipe.split)
     taken: dict[str, list[SensorRows]] = {name: [] for name in devices}
     for name, rows in record(one, number, devices):
         taken[name].append(rows)
@@ -121,11 +121,12 @@ def sensors(
     }  # fmt: skip
 
 
-def devices_of(variant: Variant, clip: int, *, renders: bool = False) -> dict[str, Device]:
+def devices_of(variant: Variant, clip: int, split: Callable[[int], str], *, renders: bool = False) -> dict[str, Device]:
     """Set up the sensors of one clip, by name; with ``renders`` cameras render their pictures. Close them."""
     scenario, devices = variant.scenario, {}
     for name, sensor in scenario.sensors.items():
-        setting = Setting(scenario, variant.draws, streams(scenario.seed, clip, name), renders)
+        opened = streams(scenario.seed, clip, name)
+        setting = Setting(scenario, variant.draws, opened, scenario.span(clip), split, renders)
         kind = str(sensor.__struct_config__.tag)
         devices[name] = implementation(DEVICES[kind], f"sensors.{name}.model")(sensor, setting)
     return devices
