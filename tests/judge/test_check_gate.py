@@ -865,6 +865,29 @@ def test_no_result_of_an_earlier_check_remains_after_status_2(shell, tmp_path, f
     assert not list((tmp_path / "out").iterdir())
 
 
+@pytest.mark.usefixtures("shell")
+def test_no_result_remains_in_the_default_folder_of_a_suite_that_cannot_be_read(tmp_path):
+    kept = tmp_path / "port.toml"
+    write(tmp_path).rename(kept)
+    given = ["check", str(kept), "--instrument", "pipelines:fails"]
+    assert CliRunner().invoke(cli, given).exit_code == 1
+    assert (tmp_path / "runs" / "check-port" / "check.html").exists()
+    kept.write_text("name = ")
+    assert isinstance(CliRunner().invoke(cli, given).exception, SuiteError)
+    assert not list(tmp_path.glob("runs/*/*"))
+
+
+@pytest.mark.parametrize("result", [None, "{", "[]", '{"pictures": []}'])
+def test_files_that_no_check_wrote_remain(shell, tmp_path, result):
+    (tmp_path / "out").mkdir()
+    texts = {"check.html": "mine", "junit.xml": "<testsuites/>"} | ({} if result is None else {"check.json": result})
+    for name, text in texts.items():
+        (tmp_path / "out" / name).write_text(text)
+    with pytest.raises(SuiteError):
+        shell(at="no-such-suite")
+    assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == texts
+
+
 def test_the_command_fails_with_status_1(shell, tmp_path):
     status, out = shell("--instrument", "pipelines:shifted")
     assert status == 1
