@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -43,15 +42,10 @@ def command(
     from simgrab.judge.check.page import page
     from simgrab.judge.check.table import show
 
-    try:
-        found = suites.load(suite)
-    except SuiteError:
-        with suppress(SuiteError):
-            report.clear(out or Path("runs") / f"check-{Path(suite).stem}")
-        raise
-    place = out or Path("runs") / f"check-{found.name}"
-    check_folder(place, SuiteError)
+    place = out or Path("runs") / f"check-{Path(suite).stem}"  # known of a suite that cannot be read, too
     report.clear(place)
+    found = suites.load(suite)
+    check_folder(place, SuiteError)
     if seeds is not None and not update:
         raise click.UsageError("--seeds needs --update-baseline")
     if seed is not None and update:

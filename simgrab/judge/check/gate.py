@@ -142,27 +142,23 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     several = tuple(range(suite.seed, suite.seed + (seeds or suite.seeds)))
     scenes: dict[str, Outcome] = {}
     trials: dict[str, list[Trial]] = {name: [] for name in suite.scenes}
-    missed = False
-    for name, found in trials.items():
-        begun, notes = time.perf_counter(), list[str]()
-        for seed in several:
+    for seed in several:  # the suite's own in every scene first: only that must meet the limits
+        for name, found in trials.items():
+            begun = time.perf_counter()
             found.append(trial(_dataset(suite, name, seed, options), instrument))
             if found[-1].problem:
                 failure = tuple(of_trial(name, found[-1], {}, None, 1))
                 return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
             one = judged(name, found[-1], suite.limits_of(name))
             beyond = [f"{v.what} {v.limit}" for v in one.verdicts if v.status == "failed"]
-            if seed == suite.seed:
-                scenes[name], missed = one, missed or bool(beyond)
-            elif beyond:
+            first, notes = scenes.get(name, one), list[str]()
+            if beyond and seed != suite.seed:
                 notes.append(f"{name}: warning: not met with seed {seed}: {', '.join(beyond)}")
-            if missed:
-                break
-        seconds, first = time.perf_counter() - begun, scenes[name]
-        scenes[name] = replace(first, seconds=seconds, notes=(*first.notes, *notes))
-    if missed:
-        nothing = "nothing was recorded, because limits are not met: mend the cause, or change the limits"
-        return Report(suite.name, instrument.name, suite.seed, (), (nothing,), scenes)
+            seconds = first.seconds + time.perf_counter() - begun
+            scenes[name] = replace(first, seconds=seconds, notes=(*first.notes, *notes))
+        if any(v.status == "failed" for scene in scenes.values() for v in scene.verdicts):
+            nothing = "nothing was recorded, because limits are not met: mend the cause, or change the limits"
+            return Report(suite.name, instrument.name, suite.seed, (), (nothing,), scenes)
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
     return Report(suite.name, instrument.name, suite.seed, (), done + _few(len(several), suite), scenes)

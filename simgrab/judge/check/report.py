@@ -29,6 +29,7 @@ from simgrab.judge.check.worst import WorstFrame, worst_frames
 _Text = tuple[str, ...]  # between its numbers
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 RESULT, JUNIT, PAGE, PICTURES = "check.json", "junit.xml", "check.html", "golden"
+_OF_CHECK = {"suite", "instrument", "verdicts", "pictures"}  # keys by which the result of a check is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,20 +232,25 @@ def save(report: Report, out: Path, page: str) -> None:
 def clear(out: Path) -> None:
     """Delete what an earlier check wrote, so that it is not taken for the result of one that ends early.
 
+    Files of other programs remain: nothing is deleted without the earlier check's ``check.json``.
+
     Raises
     ------
     SuiteError
         If something cannot be deleted.
     """
     with writing(out, SuiteError):
-        for name in (*_earlier(out / RESULT), PAGE, JUNIT, RESULT):
+        for name in _earlier(out / RESULT):
             (out / name).unlink(missing_ok=True)
 
 
 def _earlier(result: Path) -> list[str]:
-    """Pictures that an earlier check left."""
+    """Files that an earlier check left, its result last; none if this is not the result of a check."""
     try:
-        names = read_json(result, SuiteError)["pictures"]
-        return [name for name in names if Path(name).parent == Path(PICTURES)]
-    except (SuiteError, LookupError, TypeError):
+        found = read_json(result, SuiteError)
+        if not found.keys() >= _OF_CHECK:
+            return []
+        pictures = [name for name in found["pictures"] if Path(name).parent == Path(PICTURES)]
+    except (SuiteError, AttributeError, TypeError):
         return []
+    return [*pictures, PAGE, JUNIT, RESULT]

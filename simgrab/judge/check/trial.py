@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -12,7 +13,7 @@ import numpy as np
 
 from simgrab.dataset.datasets import Dataset
 from simgrab.errors import InstrumentError
-from simgrab.instrument.contract import Instrument
+from simgrab.instrument.contract import Frame, Instrument
 from simgrab.instrument.detect.pictures import centre
 from simgrab.instrument.run.run import measure
 from simgrab.instrument.run.runs import Run
@@ -97,7 +98,8 @@ def measured(dataset: Dataset, instrument: Instrument) -> Trial:
     Returns
     -------
     Trial
-        Its metrics are the numbers of `simgrab.judge.evaluate.evaluation.evaluate`, and the time that it took.
+        Its metrics are the numbers of `simgrab.judge.evaluate.evaluation.evaluate`, and the time that it took, apart
+        from that of reading the frames.
 
     Raises
     ------
@@ -106,14 +108,31 @@ def measured(dataset: Dataset, instrument: Instrument) -> Trial:
     """
     camera = calibration.load(dataset.path / "camera.toml")
     source = open_source(dataset.path)
+    frames = _Timed(source)
     with one_line(instrument.name):
-        run = measure(source, camera, instrument, source=source.name)
+        run = measure(frames, camera, instrument, source=source.name)
     with one_line(f"{instrument.name}: cannot be evaluated"):
         known = truths.of(run, dataset.path)
         found = evaluate(run, known)
     speed = run.about["speed"]
-    metrics = flat(found.to_dict()) | {TIME: speed["seconds"] / speed["frames"]}
+    metrics = flat(found.to_dict()) | {TIME: (speed["seconds"] - frames.seconds) / speed["frames"]}
     return Trial(dataset, metrics, "", run, known, found)
+
+
+class _Timed:
+    """Frames, and the time, s, that reading and decoding them takes, which is not the instrument's."""
+
+    def __init__(self, frames: Iterable[Frame]) -> None:
+        self.seconds = 0.0
+        self._frames = frames
+
+    def __iter__(self) -> Iterator[Frame]:
+        begun = time.perf_counter()
+        for frame in self._frames:
+            self.seconds += time.perf_counter() - begun
+            yield frame
+            begun = time.perf_counter()
+        self.seconds += time.perf_counter() - begun
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]:

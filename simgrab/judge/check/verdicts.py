@@ -184,7 +184,9 @@ def _without_event(metric: str, metrics: Metrics) -> str:
         return ""
     if not events:
         return f"the true swing never exceeds {'10.5' if part == 'warning' else '10'}°"
+    if name == "recall":
+        return "no frame beyond 10° has an angle"
     on = metrics.get("alarm.already_on") or 0 if part == "alarm" else 0
     found = ((on, "began while an alarm was on already"), (events - on, f"raised no {part}"))
     counts = " and ".join(f"{count:.0f} {how}" for count, how in found if count)
-    return "" if name == "recall" else f"of {events:.0f} event{'s' * (events > 1)} of the true swing, {counts}"
+    return f"of {events:.0f} event{'s' * (events > 1)} of the true swing, {counts}"

@@ -148,6 +148,8 @@ def detector(
         click.echo(printable(f"real frames of {line}"), err=True)
     if known and counts:
         known.some(counts[-1], seed)  # or refused
+    asked, full = None, out.absolute()
+    rendered = full.with_name(f"{full.name}-frames")
     if grab or scene:  # frames take minutes: what can be refused is refused before
         named(device)
         if begin is not None:
@@ -157,23 +159,26 @@ def detector(
         asked = _asked(grab, scene, frames, seed)
         for line in remarks(asked.grab) if shows else ():
             click.echo(printable(f"grab.file: {line}"), err=True)
-        datasets = (*datasets, _frames_of(asked, out.absolute(), shown=shows))
     chosen = functools.partial(
         recipes, quick=quick, started=start is not None, epochs=epochs, batch=batch, half=half, seed=seed,
         patience=patience, device=device, threads=threads,
     )  # fmt: skip
-    with resumable(out), board(shown=shows) as shown:
-        if counts:
-            assert known is not None
-            points = curve.learning_curve(
-                datasets, out, chosen, known, counts, seed=seed, start=begin, resume=resume,
-                watch=shown.step, report=functools.partial(follow, shown),
-            )  # fmt: skip
-        else:
-            metrics = train(
-                datasets, out, chosen, real=known, start=begin, resume=resume, watch=shown.step,
-                report=functools.partial(follow, shown),
-            )  # fmt: skip
+    with resumable(out, *[rendered] * (asked is not None)):
+        if asked is not None:
+            _render(asked, rendered, shown=shows)
+            datasets = (*datasets, rendered)
+        with board(shown=shows) as shown:
+            follows = functools.partial(follow, shown)
+            if counts:
+                assert known is not None
+                points = curve.learning_curve(
+                    datasets, out, chosen, known, counts, seed=seed, start=begin, resume=resume,
+                    watch=shown.step, report=follows,
+                )  # fmt: skip
+            else:
+                metrics = train(
+                    datasets, out, chosen, real=known, start=begin, resume=resume, watch=shown.step, report=follows
+                )
     if counts:
         _print_curve(points, out, as_json=as_json, quiet=quiet)
         return
@@ -209,16 +214,15 @@ def _asked(grab: Path | None, scene: str | None, frames: int | None, seed: int) 
     return drawn
 
 
-def _frames_of(scene: Scenario, out: Path, *, shown: bool) -> Path:
-    """Render a scene's frames beside the nets, or what is missing of them."""
+def _render(scene: Scenario, out: Path, *, shown: bool) -> None:
+    """Render a scene's frames, or what is missing of them."""
     from simgrab.dataset.pool import automatic
     from simgrab.dataset.render import render
     from simgrab.world.extensions import Recipe
 
-    path, (workers, _) = out.with_name(f"{out.name}-frames"), automatic(Recipe(scene))
-    with resumable(path, option=""), drawing("rendering frames", shown=shown) as (progress, checking):
-        render(scene, path, workers=workers, resume=True, progress=progress, checking=checking)
-    return path
+    workers, _ = automatic(Recipe(scene))
+    with drawing("rendering frames", shown=shown) as (progress, checking):
+        render(scene, out, workers=workers, resume=True, progress=progress, checking=checking)
 
 
 @command.command()
