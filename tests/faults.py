@@ -20,7 +20,7 @@ class Mirrored(RopeAware):
     def estimate(self, pixels, calibration, **told):
         found = super().estimate(pixels, calibration, **told)
         wrong = dataclasses.replace(found, tilt_azimuth=-found.tilt_azimuth % (2 * math.pi))
-        alpha, *_ = follow(known(wrong), pixels, calibration, rope_length=told["rope_length"])
+        alpha, *_ = follow(known(wrong, calibration.roll_deg), pixels, calibration, rope_length=told["rope_length"])
         return dataclasses.replace(wrong, alpha=alpha)
 
 

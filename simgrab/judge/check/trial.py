@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -120,19 +121,23 @@ def measured(dataset: Dataset, instrument: Instrument) -> Trial:
 
 
 class _Timed:
-    """Frames, and the time, s, that reading and decoding them takes, which is not the instrument's."""
+    """Frames, and the time, s, for which reading and decoding them stops the instrument.
+
+    One that reads ahead in a thread of its own works meanwhile: then nothing counts.
+    """
 
     def __init__(self, frames: Iterable[Frame]) -> None:
         self.seconds = 0.0
-        self._frames = frames
+        self._frames, self._thread = frames, threading.current_thread()
 
     def __iter__(self) -> Iterator[Frame]:
+        waits = threading.current_thread() is self._thread
         begun = time.perf_counter()
         for frame in self._frames:
-            self.seconds += time.perf_counter() - begun
+            self.seconds += waits * (time.perf_counter() - begun)
             yield frame
             begun = time.perf_counter()
-        self.seconds += time.perf_counter() - begun
+        self.seconds += waits * (time.perf_counter() - begun)
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]:
