@@ -21,16 +21,20 @@ from oracle import Oracle
 
 from simgrab.cli import cli
 from simgrab.errors import InstrumentError, RunError, SimgrabError, SourceError
+from simgrab.instrument.angles import arrays
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PaperIteration, PendulumSmoother
 from simgrab.instrument.estimate.follow import Known, far_offset
 from simgrab.instrument.estimate.follow import load as load_tilt
-from simgrab.instrument.pipeline import Pipeline
+from simgrab.instrument.observation import Observation
+from simgrab.instrument.pipeline import MeasuredRecord, Pipeline
 from simgrab.instrument.read import Reader
+from simgrab.instrument.rope import Rope
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.assumed import _of_size, assumptions
 from simgrab.instrument.run.page import page
-from simgrab.instrument.run.run import RunOptions, measure, run
+from simgrab.instrument.run.run import RunOptions, _controller, measure, run
 from simgrab.instrument.run.table import beside_paper, held
 from simgrab.instrument.run.video import OverlayVideo
 from simgrab.instrument.source import open_source
@@ -718,6 +722,10 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     later = {"kind": "controller", "time_s": 60.0, "text": "its clock is +3.99 s (+3.43 to +4.56) behind the pictures'"}
     rows = dict(held(dataclasses.replace(informed, about=informed.about | {"faults": [later]})))
     assert rows["controller's clock"].startswith("+3.99 s (+3.43 to +4.56) behind the pictures'; at first +")
+    assert "controller's load" not in rows
+    for used, begins in ((True, "used: "), (False, "not used: ")):
+        about = informed.about | {"controller": informed.about["controller"] | {"load_used": used}}
+        assert dict(held(dataclasses.replace(informed, about=about)))["controller's load"].startswith(begins)
     for arguments, expected in (
         (["--plc", str(tmp_path / "none.csv")], "none.toml: No such file"),
         (["--calibrate", "soon"], "invalid duration"),
@@ -731,3 +739,15 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
         assert expected in said.output + str(said.exception)
         assert said.exception is None or isinstance(said.exception, SystemExit | SimgrabError)
         assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(("smooths", "tonnes", "used"), [(True, 9.0, True), (True, 2.0, False), (False, 9.0, False)])
+def test_a_run_states_whether_the_load_was_used(smooths, tonnes, used):
+    time = np.arange(9.0)
+    load = np.column_stack([time, 1e3 * np.where(time < 4, 2.0, tonnes)])
+    reported = Controller(time, time / 50, time + 20, load=load, grab_kg=2000.0)
+    kind = PendulumSmoother(controller=reported) if smooths else PaperIteration()
+    record = MeasuredRecord(
+        arrays([Observation(t) for t in time], Rope(time, time < 0)), (), None, None, estimator=kind
+    )
+    assert _controller(Pipeline(None, None, controller=reported), record)["load_used"] is used
