@@ -439,7 +439,7 @@ ACTS = {
     "raises in frame 9 after all frames": (lambda f: raises_in_frame_9(list(f)), "it had taken all 16 frames"),
     "raises in frame 9 of its own": (raises_late, "the last frame it took is 11, and measured up to frame 8"),
     "quits": (quits, "SystemExit: no licence"),
-    "gives nothing": (lambda _: None, "TypeError"),
+    "gives nothing": (lambda _: None, "must return a list, one Measurement for each frame; got NoneType"),
     "gives too few": (lambda _: [MEASURED], "measurements of"),
     "never ends": (
         lambda frames: itertools.chain((MEASURED for _ in frames), itertools.repeat(MEASURED)),
