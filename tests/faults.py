@@ -17,10 +17,10 @@ from simgrab.instrument.pipeline import Pipeline
 class Mirrored(RopeAware):
     """Takes γ for minus γ: the tilt leans to the other side of the jib."""
 
-    def estimate(self, pixels, calibration, **told):
-        found = super().estimate(pixels, calibration, **told)
+    def estimate(self, pixels, calibration, **given):
+        found = super().estimate(pixels, calibration, **given)
         wrong = dataclasses.replace(found, tilt_azimuth=-found.tilt_azimuth % (2 * math.pi))
-        alpha, *_ = follow(known(wrong, calibration.roll_deg), pixels, calibration, rope_length=told["rope_length"])
+        alpha, *_ = follow(known(wrong, calibration.roll_deg), pixels, calibration, rope_length=given["rope_length"])
         return dataclasses.replace(wrong, alpha=alpha)
 
 

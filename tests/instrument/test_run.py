@@ -741,12 +741,13 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
         assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.parametrize("imu", [None, object()])  # beside which the load is used, too
 @pytest.mark.parametrize(("smooths", "tonnes", "used"), [(True, 9.0, True), (True, 2.0, False), (False, 9.0, False)])
-def test_a_run_states_whether_the_load_was_used(smooths, tonnes, used):
+def test_a_run_states_whether_the_load_was_used(smooths, tonnes, used, imu):
     time = np.arange(9.0)
     load = np.column_stack([time, 1e3 * np.where(time < 4, 2.0, tonnes)])
     reported = Controller(time, time / 50, time + 20, load=load, grab_kg=2000.0)
-    kind = PendulumSmoother(controller=reported) if smooths else PaperIteration()
+    kind = PendulumSmoother(controller=reported, imu=imu) if smooths else PaperIteration()
     record = MeasuredRecord(
         arrays([Observation(t) for t in time], Rope(time, time < 0)), (), None, None, estimator=kind
     )

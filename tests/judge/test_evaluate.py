@@ -193,9 +193,9 @@ def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_
 
 
 def test_every_number_that_may_be_limited_has_its_name(clean, swinging):
-    told = flat(evaluate(clean, swinging / "data"))
-    assert not [metric for metric, value in told.items() if value is not None and metrics.unknown(metric)]
-    assert set(told) >= metrics.NAMES - {metrics.TIME}
+    figures = flat(evaluate(clean, swinging / "data"))
+    assert not [metric for metric, value in figures.items() if value is not None and metrics.unknown(metric)]
+    assert set(figures) >= metrics.NAMES - {metrics.TIME}
 
 
 def test_errors_are_those_of_arithmetic():

@@ -20,7 +20,7 @@ from simgrab.instrument.contract import Frame, Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.measure import estimate_json
 from simgrab.instrument.faults import Backlog, Fault
-from simgrab.instrument.pipeline import Live, MeasuredRecord, Pipeline, assemble, moving
+from simgrab.instrument.pipeline import Live, MeasuredRecord, Pipeline, assemble
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.assumed import assumptions
 from simgrab.instrument.run.runs import Progress, Run
@@ -354,7 +354,7 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
     controller = instrument.controller
     clock = (record.clock if record is not None else None) or controller.stated_clock
     by_swing, used = None, None if record is None else record.estimator
-    by_motion = moving(used) and used is not None and not used.needs_imu
+    by_load = getattr(used, "controller", None) is not None
     if record is not None and record.estimate is not None and used is not None and not used.needs_imu:
         by_swing = clock.by_swing(*map(record.estimate.diagnostics.get, ("clock_s", "clock_sd_s")))
     time = controller.time if record is None or record.arrays.time is None else record.arrays.time
@@ -364,7 +364,7 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
         "clock_by_motion_interval_s": None if by_swing is None else list(by_swing.interval_s),
         "clock_used_s": (by_swing or clock).offset_s,
         "wind_m_s": None if controller.wind is None else controller.wind_m_s(time),
-        "load_used": None if controller.load is None else by_motion and bool(np.ptp(controller.lightness(time))),
+        "load_used": None if controller.load is None else by_load and bool(np.ptp(controller.lightness(time))),
         "display_minus_controller_m": clock.difference_m,
         "notes": [*controller.notes, *filter(None, [clock.note, record.doubt if record is not None else ""])],
     }  # fmt: skip

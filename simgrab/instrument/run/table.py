@@ -87,7 +87,7 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows.append(("controller's clock", f"{found[-1].removeprefix(CLOCK)}; at first {clock}" if found else clock))
         rows += [("controller's wind", f"{wind:.1f} m/s")] if (wind := reported.get("wind_m_s")) else []
         if (load := reported.get("load_used")) is not None:
-            without = "not used: it needs slewing or luffing by --plc, a record without --live, and a load that changes"
+            without = "not used: it needs --imu, or slewing or luffing by --plc, no --live, and a load that changes"
             rows.append(("controller's load", "used: a light grab leans more in the wind" if load else without))
     estimate = run.about["estimate"]
     if estimate is not None:
