@@ -1,12 +1,13 @@
 """Score early warnings of swings beyond 10° on simulated work, without pictures; fit their threshold.
 
-    scripts/python -m scripts.early_warning [--ordinary 60] [--dangerous 30] [--work runs/early-warning]
+    scripts/python -m scripts.early_warning [--ordinary 240] [--dangerous 30] [--work runs/early-warning]
 
 Clips of five minutes: ordinary working cycles, and work that slews hard. The instrument gets the true direction OA with
 1.3 px of noise at 9 frames/s, a tilt that errs by 0.13° per axis, as one from a calm recording does, and a rope length
 that lags by 0.5 s. The controller states slew angle in steps of 0.1° and radius in steps of 1 cm, ten times a second,
-0.2 s late and with a jitter of 10 ms. Forecasts are made three times a second. Thresholds are fitted to the budget on
-every second ordinary clip, and applied to all others. Trajectories are kept.
+0.2 s late and with a jitter of 10 ms, and with them the setpoints of its drives. Forecasts are made three times a
+second. Thresholds are fitted to the budget on every second ordinary clip, and applied to all others. Trajectories are
+kept.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,13 +31,16 @@ from simgrab.instrument.alarm import WARNING
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.controller_feed import KEPT_S
-from simgrab.instrument.forecast import Forecaster, forecast
+from simgrab.instrument.forecast import MIDDLES_S, Forecaster, forecast
 from simgrab.judge.evaluate import warnings
 from simgrab.judge.evaluate.swings import SURELY, true_events
 from simgrab.model import scenes
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
+from simgrab.model.scenario import Scenario
+from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.trajectory import Trajectory
+from simgrab.world.trajectory.work import Work
 
 FRAMES, EVERY, FROM = 2700, 3, 45  # of a clip; a forecast every third; the first one
 AT_ONCE = 10  # clips in a process
@@ -50,9 +55,15 @@ WORLDS: dict[str, tuple[str, Mapping[str, Any]]] = {
     "fast16": ("work-cycles", HARD | {"swing.work.carry_rope_m": 16.0}),
 }
 ORDINARY, DANGEROUS = ("calm", "breeze"), ("abrupt", "fast", "fast16")
+GIVEN = {"forecast": "", "forecast, with the controller": "reported", "forecast, with its setpoints": "planned"}
 BUDGET_PER_H = 1.0
 THRESHOLDS = np.round(np.arange(0.3, 1.0, 0.05), 2)
 Clip = dict[str, Any]
+
+
+def _scenario(name: str, clip: int) -> Scenario:
+    scene, changes = WORLDS[name]
+    return scenes.load(scene, {"frames": FRAMES, "seed": 1000 + clip, **changes})
 
 
 def simulate(folder: Path, job: tuple[str, int]) -> None:
@@ -61,8 +72,7 @@ def simulate(folder: Path, job: tuple[str, int]) -> None:
     path = folder / f"{name}-{clip}.npz"
     if path.exists():
         return
-    scene, changes = WORLDS[name]
-    trajectory = Trajectory(scenes.load(scene, {"frames": FRAMES, "seed": 1000 + clip, **changes}))
+    trajectory = Trajectory(_scenario(name, clip))
     moments = [trajectory.at(i) for i in range(FRAMES)]
     columns = {
         "time": [m.time for m in moments], "alpha": [m.grab.alpha for m in moments],
@@ -87,23 +97,32 @@ def read(folder: Path, name: str, clip: int) -> Clip:
     slew, radius = (CubicSpline(time, found["jib"])(at) / STEPS).round().T * np.array(STEPS)[:, None]
     fast = np.quantile(np.abs(np.diff([slew, radius])), 0.98, axis=1) / 0.1
     sds = np.hypot(np.array(STEPS) / np.sqrt(12), JITTER_S * fast)
+    scenario = _scenario(name, clip)
+    work = Work(scenario, 0)
+    moments = at + ClipMotion(scenario, 0).warm_up_s
+    work.sample(moments)
+    columns = {"time": stamps, "slew": slew, "radius": radius}
+    whole = Controller(stamps, slew_sd=float(sds[0]), radius_sd=float(sds[1]))
     begins, ends = (np.searchsorted(at, time - late, side="right") for late in (KEPT_S, LATE_S))
-    found["reported"] = np.array([
-        Controller(stamps[a:b], slew[a:b], radius[a:b], None, sds[0], sds[1]).jib_motion(t)
-        for a, b, t in zip(begins.tolist(), ends.tolist(), time.tolist(), strict=True)
-    ])  # fmt: skip
+    spans = list(zip(begins.tolist(), ends.tolist(), time.tolist(), strict=True))
+    for key, more in (("reported", ()), ("planned", ("slew_setpoint", "radius_setpoint"))):
+        stated = dict(zip(more, work.setpoints(moments), strict=False))
+        found[key] = [
+            replace(whole, **{name: one[a:b] for name, one in (columns | stated).items()}).jib_motion(t, MIDDLES_S)
+            for a, b, t in spans
+        ]
     return found
 
 
-def forecasts(folder: Path, batch: tuple[list[tuple[str, int]], bool]) -> list[dict[str, Array]]:
-    """Forecast in some clips at once, as a live run does, with the controller's data or without."""
-    jobs, controller = batch
+def forecasts(folder: Path, batch: tuple[list[tuple[str, int]], str]) -> list[dict[str, Array]]:
+    """Forecast in some clips at once, as a live run does, with the controller's data that a key of clips names."""
+    jobs, given = batch
     clips, found = [read(folder, *job) for job in jobs], []
-    together = {key: np.stack([clip[key] for clip in clips]) for key in ("swing", "length", "reported")}
+    together = {key: np.stack([clip[key] for clip in clips]) for key in ("swing", "length")}
     forecaster = Forecaster(len(clips))
     for i, time in enumerate(clips[0]["time"]):
-        reported = together["reported"][:, i] if controller else None
-        state = forecaster.step(time, together["swing"][:, i], NOISE, together["length"][:, i], reported)
+        motion = map(np.stack, zip(*(clip[given][i] for clip in clips), strict=True)) if given else ()
+        state = forecaster.step(time, together["swing"][:, i], NOISE, together["length"][:, i], *motion)
         if i >= FROM and i % EVERY == 0:
             found.append(vars(forecast(state, np.full(len(clips), TILT))))
     return [{key: np.array([f[key][k] for f in found]) for key in found[0]} for k in range(len(clips))]
@@ -165,22 +184,23 @@ def since_ramp(clip: Clip) -> list[float]:
 
 
 @click.command()
-@click.option("--ordinary", default=60, show_default=True, help="Clips of ordinary work.")
+@click.option("--ordinary", default=240, show_default=True, help="Clips of ordinary work.")
 @click.option("--dangerous", default=30, show_default=True, help="Clips with events, a third by each cause.")
+@click.option("--first", default=20, show_default=True, help="Clip of each kind; those before served to set it up.")
 @click.option("--work", type=click.Path(path_type=Path), default=Path("runs/early-warning"), show_default=True)
 @click.option("--workers", default=2, show_default=True)
-def main(ordinary: int, dangerous: int, work: Path, workers: int) -> None:
+def main(ordinary: int, dangerous: int, first: int, work: Path, workers: int) -> None:
     """Print thresholds, leads and false warnings of each method."""
     work.mkdir(parents=True, exist_ok=True)
     jobs = [(name, i) for names, n in ((ORDINARY, ordinary), (DANGEROUS, dangerous)) for name in names
-            for i in range(n // len(names))]  # fmt: skip
+            for i in range(first, first + n // len(names))]  # fmt: skip
     batches = [jobs[i : i + AT_ONCE] for i in range(0, len(jobs), AT_ONCE)]
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         list(pool.map(partial(simulate, work), jobs))
-        ways = [pool.map(partial(forecasts, work), [(batch, given) for batch in batches]) for given in (False, True)]
-        both = [[one for batch in way for one in batch] for way in ways]
+        ways = [pool.map(partial(forecasts, work), [(batch, given) for batch in batches]) for given in GIVEN.values()]
+        found_by = [[one for batch in way for one in batch] for way in ways]
     clips = [read(work, *job) for job in jobs]
-    ahead = {"forecast": both[0], "forecast, with the controller": both[1]}
+    ahead = dict(zip(GIVEN, found_by, strict=True))
     ahead |= {name: [guessed(rule(clip), sd) for clip in clips] for name, (rule, sd) in SIMPLE.items()}
     calm = np.array([c["world"] in ORDINARY for c in clips])
     fitted_on = np.flatnonzero(calm)[::2]

@@ -81,9 +81,14 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None, grab_kg: floa
     if not isinstance(sensor, Controller):
         return "".join(f"{line}\n" for line in _yaml(sensor, body_from_sensor))
     shared = {"rate_hz": sensor.rate_hz, "lag_s": sensor.lag_s, "jitter_s": sensor.jitter_s}
-    counts = {
-        "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg, {}),
-        "radius": ("radius [m]", "m", sensor.radius_resolution_m, {"constant_m": 0.0}),
+    counts: dict[str, tuple[str, str, float, dict[str, object]]] = {
+        "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg, {"setpoint": "slew_setpoint [deg/s]"}),
+        "radius": (
+            "radius [m]",
+            "m",
+            sensor.radius_resolution_m,
+            {"constant_m": 0.0, "setpoint": "radius_setpoint [m/s]"},
+        ),
         "rope": ("rope_length [m]", "m", sensor.rope_resolution_m, {"constant_m": 0.0}),
         "wind": ("wind [m/s]", "m/s", sensor.wind_resolution_m_s, {}),
         "load": ("load [t]", "t", sensor.load_resolution_t, {"grab_t": round(grab_kg / 1000, 2)}),

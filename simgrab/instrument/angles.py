@@ -82,7 +82,7 @@ def without_lean(alpha: Array, ends: Array, calibration: Calibration) -> Array:
 
 def forecasts(
     forecaster: Forecaster, record: RecordArrays, swing: Array, alpha: Array, ends: Array, focal_px: float,
-    reported: Array | None = None,
+    motion: Sequence[Array] = (),
 ) -> Forecast | None:  # fmt: skip
     """Forecast from each frame and those before it; None for independent frames, NaN until the filter has settled.
 
@@ -98,18 +98,17 @@ def forecasts(
     ends : ndarray, shape (n, 2)
         Its intervals.
     focal_px : float
-    reported : ndarray, shape (n, 3), optional
-        As `Controller.jib_motion` gives it.
+    motion : sequence of ndarray
+        Of the jib at a single frame, as `Controller.jib_motion` gives it.
     """
     if record.time is None or not len(alpha):
         return None
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
     sd = record.direction_sd(focal_px)
-    reported = np.full((len(alpha), 3), np.nan) if reported is None else reported
-    rows = zip(record.time.tolist(), swing[:, None], sd, record.rope_length[:, None], reported[:, None], strict=True)
+    rows = zip(record.time.tolist(), swing[:, None], sd, record.rope_length[:, None], strict=True)
     states, settled = [], []
     for time, *row in rows:
-        states.append(forecaster.step(time, *row))
+        states.append(forecaster.step(time, *row, *(one[None] for one in motion)))
         settled.append(time >= forecaster.begun + SETTLED_S)
     tilt_sd = alarm.deviation(alpha, np.where(np.isfinite(ends), ends, alpha[:, None])[:, 1])
     parts = [slice(i, i + AT_ONCE) for i in range(0, len(states), AT_ONCE)]

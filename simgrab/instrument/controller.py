@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgrab.errors import RecordError
+from simgrab.instrument.drive import Drive, motion
 from simgrab.model.geometry import Array
 
 DELAY_S, DELAY_SD_S = 0.5, 12**-0.5
@@ -48,6 +49,8 @@ class Controller:
         From the slewing axis to O, m.
     rope : ndarray, shape (n,), or None
         \|OA\|, m.
+    slew_setpoint, radius_setpoint : ndarray, shape (n,), or None
+        Speeds that are demanded of the drives, rad/s and m/s.
     slew_sd, radius_sd : float
         Standard deviation of one reading, rad, m, from resolution and jitter; 0 where there are no readings.
     clock_sd_s : float
@@ -72,6 +75,8 @@ class Controller:
     slew: Array | None = None
     radius: Array | None = None
     rope: Array | None = None
+    slew_setpoint: Array | None = None
+    radius_setpoint: Array | None = None
     slew_sd: float = 0.0
     radius_sd: float = 0.0
     clock_sd_s: float = 0.0
@@ -100,34 +105,58 @@ class Controller:
         near = (time > first - period) & (time <= last + max(self.hold_s, period))
         return np.interp(np.where(near, np.clip(time, first, last), time), self.time, self.rope, np.nan, np.nan)
 
-    def jib_motion(self, time: float) -> Array:
-        """Fit parabolas to the latest slew angles and radii.
+    def jib_motion(self, time: float, after_s: Array) -> tuple[Array, Array]:
+        """Return the jib's motion at a time, and in the seconds after it.
 
-        Their span is the shortest of `SPANS_S` in which the readings' deviations leave accelerations an error of at
-        most `MOST_ERROR`.
+        With the drives' setpoints it is that of drives that follow them; otherwise, or if they do not, parabolas
+        through the latest slew angles and radii. Their span is the shortest of `SPANS_S` in which the readings'
+        deviations leave accelerations an error of at most `MOST_ERROR`.
+
+        Parameters
+        ----------
+        time : float
+        after_s : ndarray, shape (m,)
+            Seconds after it.
 
         Returns
         -------
         ndarray, shape (3,)
-            At ``time``, acceleration of O outward and counter-clockwise, m/s², and slewing rate, rad/s. NaN if slew or
-            radius is not reported, or readings are too few, too old or too coarse.
+            Acceleration of O outward and counter-clockwise, m/s², and slewing rate, rad/s. NaN if slew or radius is
+            not reported, or readings are too few, too old or too coarse.
+        ndarray, shape (m + 1, m, 3)
+            The same later, if the drives are stopped at each of these times, and last if they are not. NaN without
+            setpoints.
         """
-        if self.slew is not None and self.radius is not None:
-            known = np.isfinite(self.slew) & np.isfinite(self.radius) & (self.time <= time)
-            for span in SPANS_S:
-                some = known & (self.time > time - span)
-                t = self.time[some] - time
-                if len(t) < LEAST_LATEST or np.ptp(t) < span / 2 or t[-1] < -OLDEST_S:
-                    continue
-                powers = np.vander(t, 3)
-                inverse = np.linalg.inv(powers.T @ powers)
+        unknown = np.full((len(after_s) + 1, len(after_s), 3), np.nan)
+        if self.slew is None or self.radius is None:
+            return np.full(3, np.nan), unknown
+        known = np.isfinite(self.slew) & np.isfinite(self.radius) & (self.time <= time)
+        if not known.any() or self.time[known][-1] < time - OLDEST_S:
+            return np.full(3, np.nan), unknown
+        if self.slew_setpoint is not None and self.radius_setpoint is not None:
+            some = known & np.isfinite(self.slew_setpoint) & np.isfinite(self.radius_setpoint)
+            t = self.time[some] - time
+            if len(t):
+                slew = Drive.of(t, self.slew[some], self.slew_setpoint[some], self.slew_sd)
+                radius = Drive.of(t, self.radius[some], self.radius_setpoint[some], self.radius_sd)
+                if slew and radius:
+                    now = motion(slew.ahead(np.zeros(1)), radius.ahead(np.zeros(1)))[0]
+                    return now, motion(slew.stopped(after_s), radius.stopped(after_s))
+        for span in SPANS_S:
+            some = known & (self.time > time - span)
+            t = self.time[some] - time
+            if len(t) < LEAST_LATEST or np.ptp(t) < span / 2:
+                continue
+            powers = np.vander(t, 3)
+            inverse = np.linalg.inv(powers.T @ powers)
+            if (
+                2 * math.sqrt(inverse[0, 0]) * math.hypot(self.radius[some].mean() * self.slew_sd, self.radius_sd)
+                <= MOST_ERROR
+            ):
                 fits = inverse @ powers.T @ np.column_stack([self.slew[some], self.radius[some]])
-                (half_turning, turn, _), (half_outward, out, radius) = fits.T.tolist()
-                if 2 * math.sqrt(inverse[0, 0]) * math.hypot(radius * self.slew_sd, self.radius_sd) <= MOST_ERROR:
-                    return np.array(
-                        [2 * half_outward - radius * turn**2, 2 * (radius * half_turning + out * turn), turn]
-                    )
-        return np.full(3, np.nan)
+                slewing, luffing = ((one[2], one[1], 2 * one[0]) for one in fits.T)
+                return motion(slewing, luffing), unknown
+        return np.full(3, np.nan), unknown
 
     def wind_m_s(self, time: Array) -> float:
         """Root mean square of the wind at times (m,), m/s, as lean grows with its square, but `LEAST_WIND_M_S`."""

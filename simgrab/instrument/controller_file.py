@@ -31,6 +31,7 @@ UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
     "deg": math.pi / 180, "rad": 1.0, **LENGTHS,
     "m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704, "t": 1000.0, "kg": 1.0,
+    "deg/s": math.pi / 180, "rad/s": 1.0, "rpm": math.pi / 30, "m/min": 1 / 60,
 }  # fmt: skip
 ANGLES, SPEEDS, MASSES = ("deg", "rad"), ("m/s", "km/h", "kn", "mph"), ("t", "kg")
 LEAST_ROPE_M, LONGEST_M = 0.5, 200.0  # a grab's centre hangs lower than that below the exit, whatever its rope
@@ -118,9 +119,14 @@ class Quantity(Checked, frozen=True, kw_only=True):
 
 
 class Slew(Quantity, frozen=True, kw_only=True):
-    """Slewing angle: its zero does not matter; ``clockwise``, seen from above, where it grows that way."""
+    """Slewing angle: its zero does not matter; ``clockwise``, seen from above, where it grows that way.
+
+    ``setpoint`` names the column of the speed that is demanded of the drive, before any ramp.
+    """
 
     unit: Literal["deg", "rad"] = "deg"
+    setpoint: str = ""
+    setpoint_unit: Literal["deg/s", "rad/s", "rpm"] = "deg/s"
     clockwise: bool = False
 
 
@@ -132,13 +138,24 @@ class Length(Quantity, frozen=True, kw_only=True):
 
 
 class Radius(Length, frozen=True, kw_only=True):
-    """Distance from the slewing axis to the rope exit O: an outreach begins at a rail or quay."""
+    """Distance from the slewing axis to the rope exit O: an outreach begins at a rail or quay.
+
+    ``setpoint`` as of `Slew`.
+    """
+
+    setpoint: str = ""
+    setpoint_unit: Literal["m/s", "m/min"] = "m/s"
 
 
 class Luff(Quantity, frozen=True, kw_only=True):
-    """Angle of the jib above the horizontal: the radius is ``pivot_m`` + ``jib_m`` · cos(angle)."""
+    """Angle of the jib above the horizontal: the radius is ``pivot_m`` + ``jib_m`` · cos(angle).
+
+    ``setpoint`` as of `Slew`.
+    """
 
     unit: Literal["deg", "rad"] = "deg"
+    setpoint: str = ""
+    setpoint_unit: Literal["deg/s", "rad/s"] = "deg/s"
     jib_m: Annotated[float, Meta(gt=0, le=LONGEST_M)]
     pivot_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
 
@@ -247,6 +264,7 @@ def read_controller(
     notes: list[str] = []
     files: dict[Path, _Rows] = {}
     series: dict[str, tuple[Array, Array, float]] = {}
+    setpoints: dict[str, tuple[Array, Array]] = {}
     for name in ("slew", "radius", "luff", "rope", "wind", "load"):
         quantity = getattr(facts, name)
         if quantity is None:
@@ -257,7 +275,10 @@ def read_controller(
         if file not in files:
             table = read(file) if read else read_texts(file, [facts.time.column], facts.time.column)
             files[file] = _rows(file, table, facts.time, notes)
-        series["radius" if name == "luff" else name] = _series(files[file], name, quantity, notes)
+        axis = "radius" if name == "luff" else name
+        series[axis] = _series(files[file], name, quantity, notes)
+        if isinstance(quantity, Slew | Radius | Luff) and quantity.setpoint:
+            setpoints[axis] = _setpoints(files[file], name, quantity, notes)
     if "slew" in series and "radius" not in series:
         notes.append(f"{path}: slew without radius or luff: a radius of {RADIUS_M:g} m is assumed")
     beside: dict[str, Array] = {
@@ -278,6 +299,13 @@ def read_controller(
         found[name] = joined
         if name != "rope":
             found[f"{name}_sd"] = sd
+    for axis, (time, values) in setpoints.items():
+        at = np.searchsorted(time, grid, side="right") - 1
+        fresh = (at >= 0) & (grid - time[at] <= facts.longest_gap_s)
+        values = np.where(fresh, values[at], np.nan)
+        if axis == "radius" and isinstance(facts.luff, Luff):
+            values = _of_radius(values, found["radius"], facts.luff)
+        found[f"{axis}_setpoint"] = values
     if facts.load is not None:
         found["grab_kg"] = 1000 * facts.load.grab_t
     if facts.rope is not None:
@@ -396,6 +424,30 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
         sd *= quantity.jib_m * float(np.sqrt(np.mean(np.sin(values) ** 2)))
         values = quantity.pivot_m + quantity.jib_m * np.cos(values)
     return time - quantity.lag_s, values, sd
+
+
+def _setpoints(rows: _Rows, name: str, quantity: Slew | Radius | Luff, notes: list[str]) -> tuple[Array, Array]:
+    """Return the speeds demanded of a drive, SI per second: times (n,) and values (n,)."""
+    where, speed, unit = f"{rows.path}: {name}.setpoint, column {quantity.setpoint!r}", *_LIMITS[name][2:]
+    refuse = _Refusing(where, rows.kept, notes)
+    cells, bad = _parsed(rows.path, rows.table, quantity.setpoint, float)
+    raw = refuse(cells[rows.kept], bad[rows.kept], "not a number", _of_commas(rows.table, quantity.setpoint, bad))
+    values = raw * UNITS[quantity.setpoint_unit]
+    cure = f"; is {name}.setpoint_unit right?"
+    values = refuse(values, np.abs(values) > speed, f"faster than {speed:g} {unit}/s", cure)
+    if isinstance(quantity, Slew) and quantity.clockwise:
+        values = -values
+    known = np.isfinite(values)
+    if not known.any():
+        raise RecordError(f"{where}: no readings")
+    return rows.time[known] - quantity.lag_s, values[known]
+
+
+def _of_radius(setpoints: Array, radius: Array, luff: Luff) -> Array:
+    """Turn setpoints of the luff angle (n,), rad/s, into those of the radius, m/s, as at their last change."""
+    changed = np.append(True, np.diff(setpoints) != 0)
+    per_rad = -np.sqrt(np.maximum(luff.jib_m**2 - (radius - luff.pivot_m) ** 2, 0))
+    return np.asarray(setpoints * per_rad[np.maximum.accumulate(np.where(changed, np.arange(len(radius)), 0))])
 
 
 def _parsed(path: Path, table: pa.Table, name: str, parse: Any) -> tuple[Array, Bad]:

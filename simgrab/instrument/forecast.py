@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgrab.instrument.alarm import DANGER, exceeding
 from simgrab.instrument.estimate import pendulum
@@ -27,9 +28,13 @@ FIXED[pendulum.DAMPING] = 0.005
 FAST = 2e-3  # m²/s³, white acceleration: gusts
 SLOW = 0.03  # rad, forcing that lasts: a jib head that speeds up at 0.3 m/s²
 TURNING = 0.05  # rad/s, standard deviation of a turning rate that nobody reports: 0.5 rpm
-REPORTED = 0.5  # share of both that is left where a controller reports the jib's motion
+REPORTED, PLANNED = 0.5, 0.3  # share of both left where a controller reports the jib's motion, and also its setpoints
+STEPS = round(HORIZON_S / NODE_S)
+MIDDLES_S: Array = np.linspace(0, HORIZON_S, 2 * STEPS + 1)[1::2]  # of the steps of a forecast
+STOP_S = 10.0  # mean time until the operator stops a drive that moves
 SWING = 0.07  # rad per axis, standard deviation of the amplitude at first
 HOIST_S = 0.7  # over which the hoist's speed is averaged
+AS_FORCING = np.array([-1 / GRAVITY, -1 / GRAVITY, 1.0])  # of an acceleration of O
 UNSEEN = 1e6  # variance of a place that was not seen
 
 
@@ -46,6 +51,8 @@ class State:
         |OA|, m, NaN before the first frame; its rate, m/s.
     reported : ndarray, shape (k, 3)
         Forcing, rad, and turning rate that a controller reports, which add to those of ``mean``; NaN where it does not.
+    planned : ndarray, shape (k, 18, 17, 3)
+        The same of the next seconds, as of `Controller.jib_ahead`.
     """
 
     mean: Array
@@ -53,13 +60,14 @@ class State:
     rope: Array
     hoist: Array
     reported: Array
+    planned: Array
 
     @classmethod
     def before(cls, records: int) -> State:
         """Know nothing."""
-        shapes = (records, STATE), (records, STATE, STATE), (records,), (records,), (records, STATE - TURN + 2)
-        mean, covariance, rope, hoist, reported = map(np.zeros, shapes)
-        return cls(mean, covariance, rope * np.nan, hoist, reported * np.nan)
+        mean, covariance, hoist = np.zeros((records, STATE)), np.zeros((records, STATE, STATE)), np.zeros(records)
+        unknown = (np.full(shape, np.nan) for shape in ((records, 3), (records, STEPS + 1, STEPS, 3)))
+        return cls(mean, covariance, hoist * np.nan, hoist, *unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +113,8 @@ class Forecaster:
         self.error, self.error_sd = np.zeros((records, 2)), np.full(records, np.inf)
 
     def step(
-        self, time: float, swing: Array, sd: Array | float, rope: Array, reported: Array | None = None
+        self, time: float, swing: Array, sd: Array | float, rope: Array, reported: Array | None = None,
+        planned: Array | None = None,
     ) -> State:  # fmt: skip
         """Process a frame.
 
@@ -122,21 +131,22 @@ class Forecaster:
         reported : ndarray, shape (k, 3), optional
             What the crane's controller reports: acceleration of O, jib frame, m/s², and slewing rate,
             counter-clockwise, rad/s. NaN where it reports nothing.
+        planned : ndarray, shape (k, 18, 17, 3), optional
+            The same in the middles of the next 17 steps, if the drives are stopped in each of them, and last if not.
 
         Returns
         -------
         State
         """
-        last, seconds = self.state, time - self._time
+        last, seconds, nothing = self.state, time - self._time, State.before(len(rope))
         if seconds > CUT_S:
-            last, self.begun = State.before(len(rope)), np.inf
+            last, self.begun = nothing, np.inf
         rope = np.where(np.isfinite(rope), rope, last.rope)
         seen = np.isfinite(swing).all(axis=-1) & np.isfinite(rope)
         self.begun = min(self.begun, time) if seen.any() else self.begun
         first = np.isnan(last.rope)
-        forced = np.full_like(last.reported, np.nan)
-        if reported is not None:
-            forced = np.column_stack([-reported[:, :2] / GRAVITY, reported[:, 2]])
+        forced = nothing.reported if reported is None else reported * AS_FORCING
+        plan = nothing.planned if planned is None else planned * AS_FORCING
         begins_or_ends = np.isnan(last.reported).any(axis=-1) != np.isnan(forced).any(axis=-1)
         mean, covariance, hoist = last.mean.copy(), last.covariance, last.hoist
         mean[begins_or_ends, 4:] += (np.nan_to_num(last.reported) - np.nan_to_num(forced))[begins_or_ends]
@@ -144,7 +154,8 @@ class Forecaster:
             before, after = (np.where(first, LENGTH, r) for r in (last.rope, rope))
             hoist = hoist + (1 - np.exp(-seconds / HOIST_S)) * ((after - before) / seconds - hoist)
             ropes = np.linspace(before, after, max(int(np.ceil(seconds / NODE_S - 1e-9)), 1) + 1)
-            mean, covariance = _predicted(mean, covariance, forced, ropes, seconds)
+            unknown = np.where(np.isnan(forced).any(axis=-1), 1.0, np.where(_complete(plan), PLANNED, REPORTED))
+            mean, covariance = _predicted(mean, covariance, np.nan_to_num(forced), unknown, ropes, seconds)
         mean[first], hoist[first] = 0, 0
         of_p = SWING * np.sqrt(GRAVITY) * np.where(seen, rope, 0.0) ** 1.5 / LENGTH**2
         one = np.ones_like(of_p)
@@ -157,10 +168,8 @@ class Forecaster:
         solved = np.linalg.solve(expected, error[..., None])[..., 0]
         noise = noise * ((DEGREES + np.vecdot(error, solved)) / (DEGREES + 2))[:, None, None]
         change, covariance = update(covariance, np.eye(2, STATE), error, noise)
-        self._time, self.state = (
-            time,
-            State(mean + change, covariance, np.where(first & ~seen, np.nan, rope), hoist, forced),
-        )
+        rope = np.where(first & ~seen, np.nan, rope)
+        self._time, self.state = time, State(mean + change, covariance, rope, hoist, forced, plan)
         return self.state
 
     def shift(self, by: Array) -> None:
@@ -189,14 +198,13 @@ def forecast(state: State, tilt_sd: Array) -> Forecast:
         Standard deviation of the part of α's error that does not change, from tilt and offset, rad.
     """
     known = np.isfinite(state.rope)
-    steps = round(HORIZON_S / NODE_S)
-    half = stream(0, 0, "forecast").standard_normal((PATHS // 2, STATE * (steps + 1) + 1))
+    half = stream(0, 0, "forecast").standard_normal((PATHS // 2, STATE * (STEPS + 1) + 1))
     drawn = np.concatenate([half, -half])
-    draws, of_tilt = drawn[:, :-1].reshape(PATHS, steps + 1, STATE), drawn[:, -1]
+    draws, of_tilt = drawn[:, :-1].reshape(PATHS, STEPS + 1, STATE), drawn[:, -1]
     x = state.mean[:, None] + draws[:, 0] @ np.linalg.cholesky(state.covariance + 1e-14 * np.eye(STATE)).mT
-    x[..., 4:] += np.nan_to_num(state.reported)[:, None]
     x = np.where(known[:, None, None], x, 0.0).reshape(-1, STATE)
-    ahead = np.linspace(0, HORIZON_S, steps + 1)
+    forced, unknown = _forced(state)
+    ahead = np.linspace(0, HORIZON_S, STEPS + 1)
     rope = np.where(known, state.rope, LENGTH)[:, None]
     # The hoist's speed is expected to last as long as the slow forcing.
     ropes = np.maximum(rope + state.hoist[:, None] * MEMORY_S * -np.expm1(-ahead / MEMORY_S), rope / 2)
@@ -204,7 +212,8 @@ def forecast(state: State, tilt_sd: Array) -> Forecast:
     sines = [np.hypot(x[:, 0], x[:, 1])]
     for i in range(1, len(ahead)):
         links = Links(h, ropes[:, i - 1], ropes[:, i], LENGTH)
-        x = _advance(x, _repeated(links, PATHS)) + (draws[:, i] @ np.linalg.cholesky(_noise(links)).mT).reshape(x.shape)
+        added = draws[:, i] @ np.linalg.cholesky(_noise(links, unknown)).mT
+        x = _advance(x, forced[:, i - 1], _repeated(links, PATHS)) + added.reshape(x.shape)
         sines.append(np.hypot(x[:, 0], x[:, 1]))
     alpha = np.arcsin(np.minimum(sines, 1.0)).T.reshape(len(rope), PATHS, -1)
     most, peak, place = _peaks(alpha)
@@ -214,31 +223,47 @@ def forecast(state: State, tilt_sd: Array) -> Forecast:
     return Forecast(*(np.where(known, values, np.nan) for values in found))
 
 
+def _complete(planned: Array) -> NDArray[np.bool_]:
+    """Whether the next seconds are known, (k,)."""
+    return np.asarray(np.isfinite(planned).all(axis=(1, 2, 3)))
+
+
+def _forced(state: State) -> tuple[Array, Array]:
+    """Return the reported forcing and turning rate on all paths (k · 64, 17, 3), and what share (k,) is unknown.
+
+    Drives are stopped after an exponentially distributed time. Without setpoints, what is reported now fades.
+    """
+    complete = _complete(state.planned)
+    shares = (stream(0, 0, "stops").permutation(PATHS) + 0.5) / PATHS
+    step = np.minimum(-STOP_S * np.log1p(-shares) / HORIZON_S * STEPS, STEPS).astype(np.int64)
+    fading = np.nan_to_num(state.reported)[:, None, None] * np.exp(-MIDDLES_S / MEMORY_S)[:, None]
+    forced = np.where(complete[:, None, None, None], state.planned[:, step], fading)
+    return forced.reshape(-1, STEPS, 3), np.where(complete, PLANNED, 1.0)
+
+
 def _repeated(links: Links, times: int) -> Links:
     step, before, after = (np.repeat(a, times) for a in (links.step, links.before, links.after))
     return Links(step, before, after, links.length)
 
 
-def _predicted(mean: Array, covariance: Array, forced: Array, ropes: Array, seconds: float) -> tuple[Array, Array]:
+def _predicted(
+    mean: Array, covariance: Array, forced: Array, unknown: Array, ropes: Array, seconds: float
+) -> tuple[Array, Array]:  # fmt: skip
     """Mean and covariance after the steps between rope lengths (parts + 1, k)."""
     h = np.full(ropes.shape[1], seconds / (len(ropes) - 1))
     changes = np.concatenate([np.zeros((1, STATE)), 1e-6 * np.eye(STATE), -1e-6 * np.eye(STATE)])
-    unknown = np.where(np.isnan(forced).any(axis=-1), 1.0, REPORTED)
-    forced = np.nan_to_num(forced)
+    forced = np.repeat(forced, len(changes), axis=0)
     for before, after in itertools.pairwise(ropes):
         links = Links(h, before, after, LENGTH)
-        x = mean.copy()
-        x[:, 4:] += forced
-        x = (x[:, None] + changes).reshape(-1, STATE)
-        moved = _advance(x, _repeated(links, len(changes))).reshape(-1, len(changes), STATE)
+        x = (mean[:, None] + changes).reshape(-1, STATE)
+        moved = _advance(x, forced, _repeated(links, len(changes))).reshape(-1, len(changes), STATE)
         carry = ((moved[:, 1 : STATE + 1] - moved[:, STATE + 1 :]) / 2e-6).mT
         covariance = carry @ covariance @ carry.mT + _noise(links, unknown)
         mean = moved[:, 0]
-        mean[:, 4:] -= forced * np.exp(-h / MEMORY_S)[:, None]
     return mean, covariance
 
 
-def _noise(links: Links, unknown: Array | float = 1.0) -> Array:
+def _noise(links: Links, unknown: Array) -> Array:
     """Covariance (k, 7, 7) that a step adds; of the slow forcing a share (k,) is unknown."""
     slow = links.slow * np.reshape(unknown, (-1, 1, 1)) ** 2
     added = pendulum.of_axes(links.fast * FAST, 0, STATE) + pendulum.of_axes(slow * SLOW**2, 4, STATE)
@@ -246,13 +271,17 @@ def _noise(links: Links, unknown: Array | float = 1.0) -> Array:
     return added
 
 
-def _advance(x: Array, links: Links) -> Array:
-    """States (k, 7) after one step, in axes that have turned with the jib."""
-    moved, angle = pendulum.advance(x[:, :TURN], FIXED, links), (x[:, TURN] * links.step)[:, None]
+def _advance(x: Array, forced: Array, links: Links) -> Array:
+    """States (k, 7) after one step, in axes that have turned with the jib; reported forcing (k, 3) adds to theirs."""
+    whole = x.copy()
+    whole[:, 4:] += forced
+    moved, angle = pendulum.advance(whole[:, :TURN], FIXED, links), (whole[:, TURN] * links.step)[:, None]
+    fade = np.exp(-links.step / MEMORY_S)[:, None]
+    moved[:, 4:] = x[:, 4:TURN] * fade
     u, v = moved[:, ::2], moved[:, 1::2]
     c, s = np.cos(angle), np.sin(angle)
     turned = np.stack([c * u + s * v, c * v - s * u], axis=-1).reshape(moved.shape)
-    return np.column_stack([turned, x[:, TURN] * np.exp(-links.step / MEMORY_S)])
+    return np.column_stack([turned, x[:, TURN:] * fade])
 
 
 def _peaks(alpha: Array) -> tuple[Array, Array, Array]:

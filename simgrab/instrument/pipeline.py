@@ -26,7 +26,7 @@ from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.estimate.intervals import WORKING, IntervalSettings
 from simgrab.instrument.estimate.solve import in_wind, informed, on_clock, solve, stated_ends, with_weak_prior
 from simgrab.instrument.faults import Fault, FaultWatch
-from simgrab.instrument.forecast import Forecaster
+from simgrab.instrument.forecast import MIDDLES_S, Forecaster
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import Rope, rope
@@ -323,10 +323,10 @@ class Pipeline:
                     forecaster.shift(by)
                     watch.shift(by)
             firm = ends if tracker is not None else angles.without_lean(alpha, ends, calibration)
-            reported = None
+            motion: Sequence[Array] = ()
             if controller is not None and self.feed is not None and self.feed.states_motion:
-                reported = controller.jib_motion(at)[None]
-            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, firm, calibration.focal_length_px, reported)
+                motion = controller.jib_motion(at, MIDDLES_S)
+            ahead_s = angles.forecasts(forecaster, newest, swing, alpha, firm, calibration.focal_length_px, motion)
             known_way = swing if tracker is None and still(calibration, estimator) else None
             (measured,) = angles.measurements(newest, alpha, ends, waits, ahead_s, known_way, firm=firm)
             watch.frame(frame, measured)

@@ -1,4 +1,4 @@
-"""The crane's encoders of slewing angle, radius and rope length, and the controller: these, wind and load."""
+"""The crane's encoders of slewing angle, radius and rope length, and its controller, which knows more."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from simgrab.world.sensors.errors import Open, SensorClock, SensorErrors
 from simgrab.world.sensors.motion import Motion
 
 COLUMNS = {SlewEncoder: "slew [deg]", LuffEncoder: "radius [m]", HoistEncoder: "rope_length [m]"}
+SETPOINTS = "slew_setpoint [deg/s]", "radius_setpoint [m/s]"
 WIND, LOAD = "wind [m/s]", "load [t]"
+SETPOINT_STEP = 0.001
 SLACK = 0.3  # share of the mass that hangs on the ropes of a grab that digs
 
 
@@ -44,9 +46,9 @@ class EncoderDevice(Device):
 
 
 class ControllerDevice(Device):
-    """Slewing angle, radius, rope length, wind and hoisted mass, stamped late, with losses."""
+    """Slewing angle, radius, rope length, wind, hoisted mass and setpoints, stamped late, with losses."""
 
-    columns = (*COLUMNS.values(), WIND, LOAD)
+    columns = (*COLUMNS.values(), WIND, LOAD, *SETPOINTS)
     truth_columns = ("time [s]", *columns)
 
     def __init__(self, sensor: Controller, setting: Setting) -> None:
@@ -68,6 +70,7 @@ class ControllerDevice(Device):
             ),
             SensorErrors(1, of("wind"), scale_error=sensor.wind_scale_error, resolution=sensor.wind_resolution_m_s),
             SensorErrors(1, of("load"), scale_error=sensor.load_scale_error, resolution=sensor.load_resolution_t),
+            *(SensorErrors(1, of(name), resolution=SETPOINT_STEP) for name in SETPOINTS),
         )  # fmt: skip
 
     def rows(self, motion: Motion) -> SensorRows:
@@ -79,7 +82,10 @@ class ControllerDevice(Device):
     def _read(self, motion: Motion) -> tuple[Array, Array]:
         mass = np.array([self._grab.mass_of(0.0, load).mass for load in motion.load.tolist()])
         tonnes = np.where(motion.held, SLACK, 1.0) * mass / 1000
-        true = np.column_stack([np.degrees(motion.slew), motion.radius, motion.rope, np.hypot(*motion.wind.T), tonnes])
+        true = np.column_stack([
+            np.degrees(motion.slew), motion.radius, motion.rope, np.hypot(*motion.wind.T), tonnes,
+            np.degrees(motion.slew_setpoint), motion.luff_setpoint,
+        ])  # fmt: skip
         values = np.column_stack([each.read(true[:, [k]])[0] for k, each in enumerate(self._errors)])
         piece = (motion.time / self._sensor.dropout_s).astype(np.int64)
         more = int(piece.max(initial=-1)) + 1 - len(self._lost)

@@ -64,6 +64,8 @@ class Motion:
         Velocity of the air, m/s.
     slew, slew_rate, slew_acceleration : ndarray, shape (n,)
         Slewing angle, rate and acceleration of the jib.
+    slew_setpoint, luff_setpoint : ndarray, shape (n,)
+        Speeds that are demanded of the drives, which follow them in ramps.
     radius, luffed : ndarray, shape (n,)
         Distance from the slewing axis to O, and its growth.
     jaw, load : ndarray, shape (n,)
@@ -94,6 +96,8 @@ class Motion:
     slew: Array
     slew_rate: Array
     slew_acceleration: Array
+    slew_setpoint: Array
+    luff_setpoint: Array
     radius: Array
     luffed: Array
     jaw: Array
@@ -172,6 +176,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
             waves = waving.advance(block, which, late, begun, fields)
         if len(time):
             sampled = work.sample(time + course.warm_up_s)
+            slew_setpoint, luff_setpoint = work.setpoints(time + course.warm_up_s)
             leans = mount.within(block.lean[which], late, block.felt[which], sampled.luffed, sampled.luff_rate)
             shake, shake_rate = _between(_padded(before, block, after), which, late / interval)
             shake_rate = shake_rate / interval
@@ -179,6 +184,7 @@ def motions(scenario: Scenario, clip: int, instants: Instants) -> Iterator[Motio
                 time=time, **fields, waves=waves, gravity=block.gravity[which], wind=block.wind[which],
                 slew=sampled.slew, slew_rate=sampled.slew_rate,
                 slew_acceleration=work.slew_acceleration(time + course.warm_up_s),
+                slew_setpoint=slew_setpoint, luff_setpoint=luff_setpoint,
                 radius=scenario.swing.radius_m + sampled.luffed, luffed=sampled.luffed,
                 jaw=sampled.jaw, load=sampled.load, held=sampled.held, shake=shake, shake_rate=shake_rate,
                 lean=leans[:, 0] + shake, lean_rate=leans[:, 1] + shake_rate,

@@ -49,25 +49,33 @@ class Move:
         """Time of the end, s."""
         return self.start + self.duration
 
+    @property
+    def top(self) -> float:
+        """Greatest velocity, signed."""
+        return self.distance / (self.duration - (self.ramp + self.brake) / 2) if self.distance else 0.0
+
+    def setpoint(self, time: Array) -> Array:
+        """Velocity that is demanded of the drive, which follows it in ramps."""
+        u = time - self.start
+        return np.where((u >= 0) & (u < self.duration - self.brake), self.top, 0.0)
+
     def progress(self, time: Array) -> tuple[Array, Array]:
         """Distance gone, and velocity."""
         if not self.distance:
             return np.zeros_like(time), np.zeros_like(time)
         u = np.clip(time - self.start, 0.0, self.duration)
-        top = self.distance / (self.duration - (self.ramp + self.brake) / 2)
         rising, falling = np.minimum(u, self.ramp), np.minimum(self.duration - u, self.brake)
         gone = rising**2 / (2 * self.ramp) + np.maximum(u - self.ramp, 0.0)
         gone -= (self.brake - falling) ** 2 / (2 * self.brake)
-        return top * gone, top * np.minimum(rising / self.ramp, falling / self.brake)
+        return self.top * gone, self.top * np.minimum(rising / self.ramp, falling / self.brake)
 
     def acceleration(self, time: Array) -> Array:
         """Acceleration; at a jump, the value after it."""
         if not self.distance:
             return np.zeros_like(time)
         u = time - self.start
-        top = self.distance / (self.duration - (self.ramp + self.brake) / 2)
         rises, falls = (u >= 0) & (u < self.ramp), (u >= self.duration - self.brake) & (u < self.duration)
-        return np.asarray(top * (rises / self.ramp - falls / self.brake))
+        return np.asarray(self.top * (rises / self.ramp - falls / self.brake))
 
 
 @dataclass
@@ -94,6 +102,10 @@ class CommandedAxis:
     def acceleration(self, time: Array) -> Array:
         """Acceleration."""
         return np.asarray(sum((move.acceleration(time) for move in self.moves), np.zeros_like(time)))
+
+    def setpoint(self, time: Array) -> Array:
+        """Velocity that is demanded of the drive."""
+        return np.asarray(sum((move.setpoint(time) for move in self.moves), np.zeros_like(time)))
 
     def forget(self, before: float) -> None:
         """Drop moves that ended before a time; positions after it stay."""

@@ -95,6 +95,10 @@ class Work:
         """Return the angular acceleration of the jib, rad/s², at the latest sampled instants."""
         return self._slew.acceleration(time)
 
+    def setpoints(self, time: Array) -> tuple[Array, Array]:
+        """Return the speeds demanded of slewing and luffing, rad/s and m/s, at the latest sampled instants."""
+        return self._slew.setpoint(time), self._luff.setpoint(time)
+
     def rope_and_jaw(self, time: float) -> tuple[float, float]:
         """|OA|, m, and opening of the jaws, rad, at an instant up to `KEPT_S` before the last sample."""
         when = np.array([time])
