@@ -58,7 +58,8 @@ class Feed:
     def poll(self, now):
         data, until = self.data, now // self.every_s * self.every_s if self.every_s else now
         some = (data.time <= until) & (data.time > now - self.latest_s)
-        columns = {name: getattr(data, name) for name in ("time", "slew", "radius", "rope")}
+        names = "time", "slew", "radius", "rope", "slew_setpoint", "radius_setpoint"
+        columns = {name: getattr(data, name) for name in names}
         known = {name: values[some] for name, values in columns.items() if values is not None}
         return replace(data, **known) if some.sum() > 1 else None
 

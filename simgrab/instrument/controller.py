@@ -49,8 +49,6 @@ class Controller:
         From the slewing axis to O, m.
     rope : ndarray, shape (n,), or None
         \|OA\|, m.
-    slew_setpoint, radius_setpoint : ndarray, shape (n,), or None
-        Speeds that are demanded of the drives, rad/s and m/s.
     slew_sd, radius_sd : float
         Standard deviation of one reading, rad, m, from resolution and jitter; 0 where there are no readings.
     clock_sd_s : float
@@ -69,14 +67,14 @@ class Controller:
         Times, s, and hoisted masses of grab and cargo, kg; without NaN.
     grab_kg : float
         Mass of the empty grab, with ``load``.
+    slew_setpoint, radius_setpoint : ndarray, shape (n,), or None
+        Speeds that are demanded of the drives, rad/s and m/s.
     """
 
     time: Array
     slew: Array | None = None
     radius: Array | None = None
     rope: Array | None = None
-    slew_setpoint: Array | None = None
-    radius_setpoint: Array | None = None
     slew_sd: float = 0.0
     radius_sd: float = 0.0
     clock_sd_s: float = 0.0
@@ -87,6 +85,8 @@ class Controller:
     wind: Array | None = None
     load: Array | None = None
     grab_kg: float = 0.0
+    slew_setpoint: Array | None = None
+    radius_setpoint: Array | None = None
 
     @property
     def reports_motion(self) -> bool:

@@ -16,7 +16,7 @@ LEAST_READINGS = 5
 LEAST_STEP = 0.05  # of the greatest setpoint: less is noise
 SLIP, CREEP = 0.1, 1e-4  # standard deviation of the final speed: share of the setpoint, and rad/s or m/s
 SPEED_SD = 1.0  # rad/s or m/s, of the speed before
-MOST_MISFIT = 3.0  # root mean square of deviations over the expected one, beyond which it does not follow
+MOST_MISFIT = 3.0  # of readings (root mean square) and of the final speed, over what is expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,9 @@ class Drive:
         tight = sd / np.array([np.inf, SLIP * abs(setpoint) + CREEP, SPEED_SD])
         fits = np.linalg.solve(parts.mT @ parts + np.diag(tight**2), parts.mT @ error[:, None])[..., 0]
         squares = np.sum((error - np.vecdot(parts, fits[:, None])) ** 2, axis=-1) + np.sum((fits * tight) ** 2, axis=-1)
-        if squares.min() > MOST_MISFIT**2 * (sd**2 + late**2) * len(t):
+        best = squares.argmin()
+        slips = abs(fits[best, 1]) * tight[1] > MOST_MISFIT * sd
+        if slips or squares[best] > MOST_MISFIT**2 * (sd**2 + late**2) * len(t):
             return None
         cost = squares / sd**2 + (np.log(RAMPS_S / USUAL_S) / SPREAD) ** 2
         weight = np.exp((cost.min() - cost) / 2)

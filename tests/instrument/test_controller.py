@@ -1,6 +1,7 @@
 """The controller's data: one crane in any units, files that are wrong, and the clock's offset."""
 
 import dataclasses
+import re
 from datetime import UTC, datetime, timedelta
 
 import msgspec
@@ -18,6 +19,7 @@ from simgrab.errors import RecordError, RunError
 from simgrab.instrument import pipeline as rooms
 from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
 from simgrab.instrument.controller_file import ControllerFacts, read_controller
+from simgrab.instrument.drive import Drive
 from simgrab.instrument.estimate import RopeAware
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run.run import _controller
@@ -25,6 +27,7 @@ from simgrab.io.strict import convert
 
 TIME = np.arange(600) / 10
 SLEW, RADIUS = 0.3 + 1.5 * np.sin(TIME / 9), 22 + 3 * np.cos(TIME / 15)
+NO_TIMES = np.zeros(0)
 ROPE = 15 + 6 * np.sin(TIME / 7)
 JIB_M, PIVOT_M = 30.0, 1.5
 PER = {"s": 1, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
@@ -149,13 +152,112 @@ def test_the_jibs_motion_is_that_of_the_latest_readings():
     data, at = Controller(TIME, slew, radius), 30.03
     turn, out, r = 0.2 + 0.02 * at, 0.3 - 0.004 * at, 20 + 0.3 * at - 0.002 * at**2
     expected = [-0.004 - r * turn**2, r * 0.02 + 2 * out * turn, turn]
-    np.testing.assert_allclose(data.jib_motion(at), expected, rtol=1e-6)
+    np.testing.assert_allclose(data.jib_motion(at, NO_TIMES)[0], expected, rtol=1e-6)
     later = dataclasses.replace(data, slew=np.where(at < TIME, 99.0, slew))  # what is not yet known
-    np.testing.assert_array_equal(later.jib_motion(at), data.jib_motion(at))
+    np.testing.assert_array_equal(later.jib_motion(at, NO_TIMES)[0], data.jib_motion(at, NO_TIMES)[0])
     for time, one in ((TIME[-1] + 0.6, data), (0.3, data), *(
         (at, dataclasses.replace(data, **{name: None})) for name in ("slew", "radius")
     )):  # fmt: skip
-        assert np.isnan(one.jib_motion(time)).all()
+        assert np.isnan(one.jib_motion(time, NO_TIMES)[0]).all()
+
+
+@pytest.mark.parametrize("unit", ["deg/s", "rad/s", "rpm"])
+@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize("luff", [False, True])
+def test_setpoints_are_read_from_any_units_and_not_interpolated(tmp_path, unit, clockwise, luff):
+    """Both drives start after 10.05 s. Between two readings the demand is that of the earlier one."""
+    started, sign = TIME > 10, -1 if clockwise else 1
+    of = {"deg/s": np.pi / 180, "rad/s": 1.0, "rpm": np.pi / 30}
+    rate_unit = ("deg/s" if luff else "m/min") if unit == "deg/s" else ("rad/s" if luff else "m/s")
+    angle = np.arccos((RADIUS - PIVOT_M) / JIB_M)
+    jib = np.where(started, -0.02 if luff else 0.6, 0.0)
+    columns = {
+        "t": TIME + 0.3, "slew": sign * np.degrees(SLEW), "s": sign * 0.1 * started / of[unit],
+        "jib": np.degrees(angle) if luff else RADIUS, "r": jib / {**of, "m/s": 1.0, "m/min": 1 / 60}[rate_unit],
+    }  # fmt: skip
+    length = {"constant_m": 0.0} if not luff else {"jib_m": JIB_M, "pivot_m": PIVOT_M}
+    found = read_controller(written(tmp_path, {name: texts(one) for name, one in columns.items()}, {
+        "time": {"column": "t"},
+        "slew": quantity("slew", "deg", setpoint="s", setpoint_unit=unit, clockwise=clockwise, lag_s=0.3),
+        "luff" if luff else "radius": quantity(
+            "jib", "deg" if luff else "m", setpoint="r", setpoint_unit=rate_unit, lag_s=0.3, **length
+        ),
+    }))  # fmt: skip
+    np.testing.assert_allclose(found.slew_setpoint, 0.1 * started, atol=1e-6)
+    out = 0.02 * JIB_M * np.sin(angle[101]) if luff else 0.6  # as the drive started
+    np.testing.assert_allclose(found.radius_setpoint, out * started, atol=1e-4)
+    later, _ = found.shifted(ClockOffset(5.0, 0.0, "")).jib_motion(20.0, NO_TIMES)
+    np.testing.assert_allclose(later, found.jib_motion(15.0, NO_TIMES)[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("setpoints", "line"),
+    [
+        (["0.1"] * 600, None),
+        (
+            ["70.0"] * 600,
+            "slew.setpoint, column 's': 600 of 600 readings refused, .*faster than 0.5 rad/s; is slew.setp",
+        ),
+        (
+            [*["x"] * 20, *["0.1"] * 580],
+            "slew.setpoint, column 's': 20 of 600 readings refused, the first in row 1: not a",
+        ),
+        ([""] * 600, "slew.setpoint, column 's': no readings"),
+        ([], "column 's' is missing"),
+    ],
+)
+def test_bad_setpoints_are_refused(tmp_path, setpoints, line):
+    path = plain(
+        tmp_path, lambda columns: columns | ({"s": setpoints} if setpoints else {}),
+        slew=quantity("slew", "deg", setpoint="s"),
+    )  # fmt: skip
+    try:
+        said = "\n".join(read_controller(path).notes)
+    except RecordError as error:
+        said = str(error)
+    assert re.search(line, said) if line else not said
+
+
+def trapezoid(time, speed, start, ramp, stop):
+    """Position and speed of a drive that starts, and may stop, each in a ramp."""
+    fine = np.arange(-20, 80, 1e-3)
+    rate = speed * (np.clip((fine - start) / ramp, 0, 1) - np.clip((fine - stop) / ramp, 0, 1))
+    return np.interp(time, fine, np.cumsum(rate) * 1e-3), np.interp(time, fine, rate)
+
+
+@pytest.mark.parametrize("ramp", [2.0, 5.0, 9.0])
+@pytest.mark.parametrize(("start", "stop"), [(29.0, 99.0), (23.0, 99.0), (2.0, 28.5)])
+def test_a_drive_is_expected_to_follow_its_setpoint(start, stop, ramp):
+    """Six seconds ahead, from one second of a ramp, before it has begun to be resolved, or after it."""
+    stamps, after = np.arange(200, 300) / 10, np.array([0.0, 1.0, 3.0, 6.0])
+    setpoints = np.where((stamps >= start) & (stamps < stop), 0.12, 0.0)
+    slew = np.round(trapezoid(stamps, 0.12, start, ramp, stop)[0] / 1e-3) * 1e-3
+    drive = Drive.of(stamps - 29.9, slew, setpoints, 1e-3 / np.sqrt(12))
+    value, speed, acceleration = drive.ahead(after)
+    true = trapezoid(29.9 + after, 0.12, start, ramp, stop)
+    np.testing.assert_allclose(speed, true[1], atol=0.015)
+    np.testing.assert_allclose(value, true[0], atol=0.05)
+    assert acceleration[-1] == pytest.approx(0, abs=0.01 if ramp < 9 else 0.02)
+    values, speeds, accelerations = drive.stopped(after)
+    np.testing.assert_array_equal(speeds[-1], speed)
+    np.testing.assert_allclose(speeds[0], speed[0] * np.clip(1 - after / 4.5, 0, 1))
+    np.testing.assert_array_equal(speeds[2, :2], speed[:2])
+    np.testing.assert_allclose(accelerations[1, 1:3], -speed[1] / 4.5)
+    assert (values == value).all()
+
+
+@pytest.mark.parametrize("blocked", [False, True])
+def test_a_drive_that_does_not_follow_its_setpoint_is_measured_alone(blocked):
+    """It stands, though speed is demanded: parabolas then show that it does."""
+    slew = 0 * TIME if blocked else trapezoid(TIME, 0.12, 10.0, 4.0, 99.0)[0]
+    setpoint = np.where(TIME >= 10, 0.12, 0.0)
+    data = Controller(
+        TIME, slew, 0 * TIME + 20, slew_sd=1e-4, radius_sd=1e-3, slew_setpoint=setpoint, radius_setpoint=0 * TIME
+    )
+    now, ahead = data.jib_motion(20.0, np.array([1.0, 2.0]))
+    assert np.isnan(ahead).all() == blocked
+    np.testing.assert_allclose(now, [0, 0, 0] if blocked else [-20 * 0.12**2, 0, 0.12], atol=0.01)
+    assert np.isnan(data.jib_motion(TIME[-1] + 0.6, np.ones(1))[0]).all()
 
 
 @pytest.mark.parametrize("jitter_s", [0.0, 0.01, 0.03])
@@ -168,7 +270,7 @@ def test_the_jibs_motion_is_as_exact_as_it_is_said_to_be_or_not_given(jitter_s, 
         sd = np.hypot(np.radians(0.1) / np.sqrt(12), 0.1 * jitter_s)
         stamps = TIME + rng.normal(0, jitter_s, len(TIME)).clip(-0.045, 0.045)
         data = Controller(stamps, slew, 0 * TIME + 25, None, sd, 0.003)
-        errors.append(data.jib_motion(TIME[-1] + silent_s)[1])
+        errors.append(data.jib_motion(TIME[-1] + silent_s, NO_TIMES)[0][1])
     errors = np.array(errors)
     assert np.isfinite(errors).mean() in (0, 1)
     assert (silent_s, jitter_s) == (0.4, 0.03) or np.isfinite(errors).all()

@@ -1,5 +1,7 @@
 """Forecasts of the swing: exact where the motion is known, from no later frames, and as frequent as they state."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -10,7 +12,7 @@ from simgrab.instrument import forecast as fc
 from simgrab.instrument.alarm import DANGER
 from simgrab.instrument.estimate.follow import Known
 from simgrab.instrument.estimate.pendulum import DAMPING, GRAVITY, MEMORY_S
-from simgrab.instrument.forecast import Forecaster, State, forecast, joined
+from simgrab.instrument.forecast import Forecaster, forecast, joined
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.run import runs
@@ -50,16 +52,60 @@ def test_the_peak_of_an_undamped_pendulum_is_known(degrees, turning):
 @pytest.mark.usefixtures("undisturbed")
 def test_a_pivot_that_accelerates_as_the_controller_reports_is_foreseen():
     state = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), np.array([[0.0, -0.8, 0.0]]))
-    still = State(state.mean, 1e-12 * state.covariance, state.rope, state.hoist, state.reported)
+    still = replace(state, covariance=1e-12 * state.covariance)
     t, w = np.linspace(0, 4, 4001), np.sqrt(GRAVITY / 10)
     swing = np.exp(-t / MEMORY_S) - np.cos(w * t) + np.sin(w * t) / (w * MEMORY_S)
     swing *= 0.8 / GRAVITY / (1 + 1 / (w * MEMORY_S) ** 2)
     found = forecast(still, np.zeros(1))
     silent = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), np.full((1, 3), np.nan))
-    unknown = State(silent.mean, 1e-12 * silent.covariance, silent.rope, silent.hoist, silent.reported)
-    assert forecast(unknown, np.zeros(1)).peak < 1e-4
+    assert forecast(replace(silent, covariance=1e-12 * silent.covariance), np.zeros(1)).peak < 1e-4
     assert found.peak == pytest.approx([swing.max()], rel=0.05)
     assert found.peak_in_s == pytest.approx([t[swing.argmax()]], rel=0.05)
+
+
+@pytest.mark.usefixtures("undisturbed")
+def test_planned_motion_is_foreseen(monkeypatch):
+    """The jib turns at 0.1 rad/s, and speeds up in six of the next steps: equations in axes that do not turn."""
+    rope, turn, still = 10.0, 0.1, np.zeros((1, 2))
+    planned = np.zeros((1, 18, 17, 3))
+    begin, end = 3 * fc.HORIZON_S / fc.STEPS, 9 * fc.HORIZON_S / fc.STEPS
+    planned[..., 2], planned[..., 1] = turn, 0.8 * (np.abs(fc.MIDDLES_S - (begin + end) / 2) < (end - begin) / 2)
+    monkeypatch.setattr(fc, "STOP_S", 1e9)
+
+    def rates(t, y):
+        push = 0.8 * (begin < t < end) * np.array([-np.sin(turn * t), np.cos(turn * t)])
+        n = np.sqrt(1 - y[:2] @ y[:2])
+        return [*y[2:], *(-GRAVITY / rope * y[:2] * n - push / rope)]
+
+    true = solve_ivp(rates, (0, 6), np.zeros(4), max_step=0.01, dense_output=True).sol(np.linspace(0, 6, 601))
+    state = Forecaster().step(0.0, still, 1e-6, np.array([rope]), np.array([[0.0, 0.0, turn]]), planned)
+    found = forecast(replace(state, covariance=1e-12 * state.covariance), np.zeros(1))
+    alpha = np.arcsin(np.hypot(*true[:2]))
+    top = np.flatnonzero((alpha[1:-1] > alpha[:-2]) & (alpha[1:-1] >= alpha[2:]))[0] + 1
+    assert found.peak == pytest.approx([alpha[top]], rel=0.02)
+    assert found.peak_in_s == pytest.approx([top / 100], abs=0.1)
+
+
+@pytest.mark.usefixtures("undisturbed")
+def test_the_warning_includes_that_drives_may_be_stopped():
+    """Only a stop makes it swing beyond 10°; it comes within the first three seconds with probability 1 − e⁻⁰·³."""
+    planned = np.zeros((1, 18, 17, 3))
+    for k in np.flatnonzero(fc.MIDDLES_S < 3):
+        planned[0, k, k:, 1] = -1.5
+    state = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), np.zeros((1, 3)), planned)
+    found = forecast(replace(state, covariance=1e-12 * state.covariance), np.zeros(1))
+    assert found.warning == pytest.approx([-np.expm1(-0.3)], abs=0.04)
+
+
+@pytest.mark.usefixtures("undisturbed")
+def test_reported_forcing_turns_with_the_jib():
+    """O goes around a circle: a grab that hangs outward stays so, and what is left unknown stays nothing."""
+    turn, out = 0.15, 25 * 0.15**2
+    reported, hangs = np.array([[-out, 0.0, turn]]), np.array([[out / GRAVITY, 0.0]])
+    forecaster = Forecaster()
+    for i in range(300):
+        state = forecaster.step(i / RATE, hangs, 1e-4, np.array([15.0]), reported)
+    np.testing.assert_allclose(state.mean[0, 4:6], 0, atol=2e-3)
 
 
 @pytest.mark.parametrize("begins", [True, False])

@@ -349,12 +349,12 @@ def test_a_live_record_uses_the_wind_that_the_controller_reports(crane):
 @pytest.mark.parametrize("states_motion", [True, False])
 def test_a_live_forecast_uses_the_motion_that_a_followed_controller_reports(crane, monkeypatch, states_motion):
     """From counted readings, ten a second; of a controller that is not followed the clock is not known well enough."""
-    reports, step = [], Forecaster.step
+    reports, planned, step = [], [], Forecaster.step
 
-    def watched(self, time, swing, sd, rope, reported=None):
-        if reported is not None:
-            reports.append(reported[0])
-        return step(self, time, swing, sd, rope, reported)
+    def watched(self, time, swing, sd, rope, *motion):
+        reports.extend(one[0] for one in motion[:1])
+        planned.extend(one[0] for one in motion[1:])
+        return step(self, time, swing, sd, rope, *motion)
 
     monkeypatch.setattr(Forecaster, "step", watched)
     few, at = crane.observations(1.0)[:300], np.arange(0, 60, 0.1)
@@ -364,18 +364,24 @@ def test_a_live_forecast_uses_the_motion_that_a_followed_controller_reports(cran
 
     feed = Feed(data, states_rope=False, states_motion=states_motion, latest_s=60.0)
     lives(few, crane.calibration, feed=feed)
-    found = np.array(reports)
+    if not states_motion:
+        assert not reports
+        return
+    found = np.array([np.full(3, np.nan), *reports])
     assert found.shape == (300, 3)
     assert np.isnan(found[:10]).all()
-    if not states_motion:
-        assert np.isnan(found).all()
-        return
     true = Trajectory(scenes.load("work-cycles", {"camera.mount": {"model": "fixed"}}))
     felt = np.array([true.at(i).apparent_gravity[:2] for i in range(20, 300)])
     assert np.sqrt(np.mean((found[20:, :2] + felt) ** 2)) < 0.25 * np.abs(felt).max()
     np.testing.assert_allclose(found[20:, 2], np.gradient(crane.jib[:, 0], crane.time)[20:300], atol=0.02)
+    assert np.isnan(np.array(planned)).all()
+    standing = dataclasses.replace(data, slew=0 * slew, radius=0 * radius + 20.0, slew_setpoint=0 * at)
+    feed.data = dataclasses.replace(standing, radius_setpoint=0 * at)
+    lives(few, crane.calibration, feed=feed)
+    np.testing.assert_allclose(planned[-1], 0, atol=1e-3)
+    before = len(reports)
     lives(few, crane.calibration, controller=dataclasses.replace(data, rope=None))
-    assert np.isnan(np.array(reports[300:])).all()
+    assert len(reports) == before
 
 
 def test_a_live_record_carries_what_is_lost(crane):

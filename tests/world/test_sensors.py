@@ -275,6 +275,14 @@ def test_a_controller_stamps_late_and_loses_stretches():
     hangs = [grab.mass_of(0.0, fill).mass / 1000 for fill in course.load.tolist()]
     near(load, np.where(course.held, 0.3, 1.0) * hangs, atol=1e-9)
     assert 0 < np.std(read["exact"].values[:, 4] - load) < 0.5
+    for axis, rate in (("slew [deg]", "slew_setpoint [deg/s]"), ("radius [m]", "radius_setpoint [m/s]")):
+        speed = np.gradient(read["exact"].true(axis), read["exact"].true("time [s]"))
+        setpoint = read["exact"].true(rate)
+        after = np.minimum(np.arange(len(speed)) + 100, len(speed) - 1)  # ten seconds, longer than any ramp
+        steady = [np.ptp(setpoint[i : after[i] + 1]) == 0 for i in range(len(speed) - 100)]
+        near(speed[100:-1][steady[:-1]], setpoint[100:-1][steady[:-1]], atol=1e-6)
+        assert np.abs(setpoint).max() > 0.3
+        assert np.ptp(speed - setpoint) > 0.3  # it anticipates
     near(read["exact"].values[:, 1] * 100, np.round(read["exact"].values[:, 1] * 100), atol=1e-6)
     time = read["loses"].true("time [s]")
     piece = (time / 0.7).astype(int)
