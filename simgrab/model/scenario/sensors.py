@@ -160,7 +160,7 @@ class HoistEncoder(Clocked, frozen=True, tag="hoist-encoder"):
 
 
 class Controller(Clocked, frozen=True, tag="controller"):
-    """The crane's controller: slewing angle, radius, rope length |OA|, wind and hoisted mass, for `simgrab run --plc`.
+    """The crane's controller: slewing angle, radius, their setpoints, rope length |OA|, wind and load, for `run --plc`.
 
     A row states the values of ``lag_s`` before its time stamp, on average.
     """
