@@ -14,7 +14,7 @@ from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.intervals import IntervalSettings
 from simgrab.instrument.estimate.jib import STEP_S, JibMotion
-from simgrab.instrument.estimate.pendulum import PARAMETERS, WIND, Links, advance
+from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
 from simgrab.instrument.estimate.pendulum_fit import _digging
 from simgrab.model.scenario import Camera, LevelledMount
 from simgrab.world.trajectory.mount import Mount
@@ -38,11 +38,10 @@ def test_below_a_pivot_that_accelerates_the_pendulum_hangs_along_apparent_gravit
 
 
 def test_in_a_wind_a_light_grab_leans_more():
-    parameters = np.zeros(PARAMETERS)
-    parameters[WIND] = 0.004, -0.002
+    still, wind = np.zeros(PARAMETERS), np.array([0.004, -0.002])
     links = Links(np.full(2, 0.1), np.full(2, 15.0), np.full(2, 15.0), 15.0)
-    x = np.concatenate([np.outer((0.5, 2.0), parameters[WIND]), np.zeros((2, 4))], axis=1)
-    np.testing.assert_allclose(advance(x, parameters, links, 0.0, np.array([0.5, 2.0])), x, atol=1e-12)
+    x = np.concatenate([np.outer((0.5, 2.0), wind), np.zeros((2, 4))], axis=1)
+    np.testing.assert_allclose(advance(x, still, links, 0.0, np.array([0.5, 2.0]), wind), x, atol=1e-12)
 
 
 def course(seconds=80.0):
@@ -80,6 +79,19 @@ def test_the_camera_levels_itself_as_the_worlds_does():
     found = motion.levelled(2 * np.pi * 0.4, 0.6, time)
     assert np.abs(truth).max() > 0.02
     assert np.abs(found - truth)[:-10].max() < 1e-3
+
+
+def test_the_lean_by_wind_follows_the_air_past_the_jib_head():
+    """A jib head that moves with the wind feels none, and one that meets it at its speed feels four times the lean."""
+    time, lean = np.arange(0, 40, 0.5), np.array([0.003, 0.004])
+    speed = np.select([time < 20, time < 30], [0.0, 10.0], -10.0)
+    course = np.zeros((len(time), 6))
+    course[:, 2:4] = speed[:, None] * lean / 0.005
+    found = JibMotion(time, course, wind_m_s=10.0).by_wind(lean, time)
+    for some, times in ((slice(2, 36), 1), (slice(44, 56), 0), (slice(64, 76), 4)):
+        np.testing.assert_allclose(found[some], np.tile(times * lean, (found[some].shape[0], 1)), atol=3e-5)
+    assert (JibMotion(time, course).by_wind(lean, time) == lean).all()
+    assert (JibMotion(time, course, wind_m_s=10.0).by_wind(0 * lean, time) == 0).all()
 
 
 def test_a_grab_that_digs_does_so_until_it_is_hoisted_and_one_that_hangs_feels_a_gust():

@@ -41,12 +41,15 @@ class JibMotion:
         which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first.
     controller : Controller or None
         What reports the hoisted mass.
+    wind_m_s : float
+        Mean wind, m/s; 0 where it is not known.
     """
 
     time: Array
     course: Array
     drifts: tuple[tuple[float, float], ...] = ()
     controller: Controller | None = None
+    wind_m_s: float = 0.0
 
     @classmethod
     def at_rest(cls) -> JibMotion:
@@ -111,6 +114,17 @@ class JibMotion:
         """`Controller.lightness` between moments (k,): shape (k − 1,)."""
         middle = (time[1:] + time[:-1]) / 2
         return np.ones(len(middle)) if self.controller is None else self.controller.lightness(middle)
+
+    def by_wind(self, lean: Array, time: Array) -> Array:
+        """Lean by a steady wind (2,) between moments (k,), level frame, rad, shape (k − 1, 2).
+
+        It grows with the square of the air's speed past O, which moves.
+        """
+        strength = float(np.hypot(*lean))
+        if not self.wind_m_s or not strength:
+            return np.tile(lean, (len(time) - 1, 1))
+        past = lean / strength - self.at((time[1:] + time[:-1]) / 2)[:, 2:4] / self.wind_m_s
+        return np.asarray(strength * np.hypot(*past.T)[:, None] * past)
 
     def levelled(self, frequency: float, damping: float, time: Array) -> Array:
         """Lean (k, 2) at moments (k,) of a camera that hangs by gravity: a damped pendulum in the jib frame.

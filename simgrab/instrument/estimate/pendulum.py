@@ -161,9 +161,15 @@ def looked_along(turn: Array, place: Array, rope: Array, offset: Array) -> Array
 
 
 def _rates(
-    x: Array, parameters: Array, rope: Array, length: float, acceleration: Array | float, lightness: Array
+    x: Array,
+    parameters: Array,
+    rope: Array,
+    length: float,
+    acceleration: Array | float,
+    lightness: Array,
+    wind: Array | float,
 ) -> Array:
-    s, p, a = x[:, :2], x[:, 2:4] * length**2, lightness * (x[:, 4:6] + parameters[WIND])
+    s, p, a = x[:, :2], x[:, 2:4] * length**2, lightness * (x[:, 4:6] + wind)
     turn, nz = turning(s, p, rope)
     gravity = GRAVITY * rope * (1 + parameters[STIFFNESS])
     drag = 2 * parameters[DAMPING] * np.sqrt(GRAVITY / rope)
@@ -172,7 +178,12 @@ def _rates(
 
 
 def advance(
-    x: Array, parameters: Array, links: Links, acceleration: Array | float = 0.0, lightness: Array | float = 1.0
+    x: Array,
+    parameters: Array,
+    links: Links,
+    acceleration: Array | float = 0.0,
+    lightness: Array | float = 1.0,
+    wind: Array | float = 0.0,
 ) -> Array:
     """Advance states (k, d) by one step of the fourth-order Runge-Kutta method.
 
@@ -185,12 +196,14 @@ def advance(
         Of O, m/s².
     lightness : ndarray, shape (k,), or float
         One over the hoisted mass, over its mean.
+    wind : ndarray, shape (k, 2), or float
+        Lean by a steady wind, rad.
     """
     h = links.step[:, None]
     levers = links.before + parameters[REACH], links.after + parameters[REACH]
     before, after = (lever + parameters[LONGER] for lever in levers)
     x = np.concatenate([x[:, :2] * (links.before / levers[0])[:, None], x[:, 2:]], axis=-1)
-    middle, fixed = (before + after) / 2, (links.length, acceleration, np.reshape(lightness, (-1, 1)))
+    middle, fixed = (before + after) / 2, (links.length, acceleration, np.reshape(lightness, (-1, 1)), wind)
     a = _rates(x, parameters, before, *fixed)
     b = _rates(x + h / 2 * a, parameters, middle, *fixed)
     c = _rates(x + h / 2 * b, parameters, middle, *fixed)
@@ -239,13 +252,16 @@ def derivatives_of_advance(
 
     def led(e: Array) -> Array:
         p = parameters + e
-        return advance(x, p, links, jib.acceleration(time + p[CLOCK]), light)
+        at = time + p[CLOCK]
+        return advance(x, p, links, jib.acceleration(at), light, jib.by_wind(p[WIND], at))
 
-    known, light = jib.acceleration(time + parameters[CLOCK]), jib.lightness(time + parameters[CLOCK])
-    by_state = jacobian(lambda e: advance(x + e, parameters, links, known, light), x.shape[-1])
+    at = time + parameters[CLOCK]
+    light = jib.lightness(at)
+    known = jib.acceleration(at), light, jib.by_wind(parameters[WIND], at)
+    by_state = jacobian(lambda e: advance(x + e, parameters, links, *known), x.shape[-1])
     of_jib = (*range(LONGER, CLOCK + 1), REACH) if jib.moves else ()
     by_parameter = jacobian(led, PARAMETERS, (*range(DAMPING, LONGER), *of_jib))
-    return advance(x, parameters, links, known, light), by_state, by_parameter
+    return advance(x, parameters, links, *known), by_state, by_parameter
 
 
 def derivatives_of_place(

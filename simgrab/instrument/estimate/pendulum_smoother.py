@@ -202,7 +202,7 @@ class PendulumSmoother(Estimator):
         if imu is None:
             start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
         if self.controller is not None:
-            jib = replace(jib, controller=self.controller)
+            jib = replace(jib, controller=self.controller, wind_m_s=self.intervals.wind_m_s)
         loaded = self.controller is not None and self.controller.load is not None
         lean = np.sqrt(2 * self.intervals.lean_variance)
         gusts = min(lean * (GUSTS if loaded else LOADS), MOST_GUSTS)
