@@ -102,14 +102,13 @@ def known(estimate: Estimate, roll_deg: float) -> Known:
     else:  # the quantiles of frames to come are normal; those of a few blocks are not
         degrees = estimate.frames - 1 if best.blocks is None else best.blocks - 1
         covariance = best.tilt * (iv.student(best.level, degrees) / iv.student(best.level, np.inf)) ** 2
-    turn = float(estimate.diagnostics.get("roll_error", 0.0))  # later frames are turned by the stated roll alone
-    offset = None if estimate.offset is None else rotation_z(turn) @ estimate.offset
-    azimuth = (estimate.tilt_azimuth + turn) % (2 * np.pi)
-    return Known(
-        estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(azimuth)),
-        _components(offset), tuple(tuple(float(x) for x in row) for row in covariance),
-        _components(estimate.diagnostics.get(WEAK_PRIOR_OFFSET)), roll_deg,
+    estimated = roll_deg + float(np.rad2deg(estimate.diagnostics.get("roll_error", 0.0)))
+    own = Known(
+        estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(estimate.tilt_azimuth)),
+        _components(estimate.offset), tuple(tuple(float(x) for x in row) for row in covariance),
+        _components(estimate.diagnostics.get(WEAK_PRIOR_OFFSET)), estimated,
     )  # fmt: skip
+    return own.rolled(roll_deg)  # by which later frames are turned
 
 
 def _components(offset: Array | None) -> tuple[float, float, float] | None:
