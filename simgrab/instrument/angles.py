@@ -103,6 +103,7 @@ def forecasts(
     """
     if record.time is None or not len(alpha):
         return None
+    assert not motion or len(alpha) == 1
     swing = np.where(np.isfinite(alpha)[:, None], swing, np.nan)
     sd = record.direction_sd(focal_px)
     rows = zip(record.time.tolist(), swing[:, None], sd, record.rope_length[:, None], strict=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgrab.errors import RecordError
-from simgrab.instrument.drive import Drive, motion
+from simgrab.instrument.drive import Drive, of_point
 from simgrab.model.geometry import Array
 
 DELAY_S, DELAY_SD_S = 0.5, 12**-0.5
@@ -108,15 +108,14 @@ class Controller:
     def jib_motion(self, time: float, after_s: Array) -> tuple[Array, Array]:
         """Return the jib's motion at a time, and in the seconds after it.
 
-        With the drives' setpoints it is that of drives that follow them; otherwise, or if they do not, parabolas
-        through the latest slew angles and radii. Their span is the shortest of `SPANS_S` in which the readings'
-        deviations leave accelerations an error of at most `MOST_ERROR`.
+        It is that of drives which follow their setpoints, if both are stated. Otherwise, or if a drive does not follow
+        its setpoint, parabolas through the latest readings give the motion at the time alone.
 
         Parameters
         ----------
         time : float
         after_s : ndarray, shape (m,)
-            Seconds after it.
+            Seconds after it, from less to more.
 
         Returns
         -------
@@ -127,36 +126,43 @@ class Controller:
             The same later, if the drives are stopped at each of these times, and last if they are not. NaN without
             setpoints.
         """
-        unknown = np.full((len(after_s) + 1, len(after_s), 3), np.nan)
+        now, ahead = np.full(3, np.nan), np.full((len(after_s) + 1, len(after_s), 3), np.nan)
         if self.slew is None or self.radius is None:
-            return np.full(3, np.nan), unknown
-        known = np.isfinite(self.slew) & np.isfinite(self.radius) & (self.time <= time)
-        if not known.any() or self.time[known][-1] < time - OLDEST_S:
-            return np.full(3, np.nan), unknown
+            return now, ahead
+        some = np.flatnonzero(np.isfinite(self.slew) & np.isfinite(self.radius) & (self.time <= time))
+        if not len(some) or self.time[some[-1]] < time - OLDEST_S:
+            return now, ahead
+        t, slew, radius = self.time[some] - time, self.slew[some], self.radius[some]
         if self.slew_setpoint is not None and self.radius_setpoint is not None:
-            some = known & np.isfinite(self.slew_setpoint) & np.isfinite(self.radius_setpoint)
-            t = self.time[some] - time
-            if len(t):
-                slew = Drive.of(t, self.slew[some], self.slew_setpoint[some], self.slew_sd)
-                radius = Drive.of(t, self.radius[some], self.radius_setpoint[some], self.radius_sd)
-                if slew and radius:
-                    now = motion(slew.ahead(np.zeros(1)), radius.ahead(np.zeros(1)))[0]
-                    return now, motion(slew.stopped(after_s), radius.stopped(after_s))
+            setpoints = np.stack([self.slew_setpoint[some], self.radius_setpoint[some]])
+            stated = slice(np.flatnonzero(np.append(True, np.isnan(setpoints).any(axis=0)))[-1], None)
+            turning, luffing = (
+                Drive.of(t[stated], values[stated], each[stated], sd)
+                for values, each, sd in zip((slew, radius), setpoints, (self.slew_sd, self.radius_sd), strict=True)
+            )
+            if turning and luffing:
+                now = of_point(turning.ahead(np.zeros(1)), luffing.ahead(np.zeros(1)))[0]
+                return now, of_point(turning.stopped(after_s), luffing.stopped(after_s))
+        return self._by_parabolas(t, slew, radius), ahead
+
+    def _by_parabolas(self, t: Array, slew: Array, radius: Array) -> Array:
+        """Motion (3,) now, from readings (n,) at times before it.
+
+        They span the shortest of `SPANS_S` in which their deviations leave accelerations an error of at most
+        `MOST_ERROR`.
+        """
         for span in SPANS_S:
-            some = known & (self.time > time - span)
-            t = self.time[some] - time
-            if len(t) < LEAST_LATEST or np.ptp(t) < span / 2:
+            some = t > -span
+            if np.count_nonzero(some) < LEAST_LATEST or np.ptp(t[some]) < span / 2:
                 continue
-            powers = np.vander(t, 3)
+            powers = np.vander(t[some], 3)
             inverse = np.linalg.inv(powers.T @ powers)
-            if (
-                2 * math.sqrt(inverse[0, 0]) * math.hypot(self.radius[some].mean() * self.slew_sd, self.radius_sd)
-                <= MOST_ERROR
-            ):
-                fits = inverse @ powers.T @ np.column_stack([self.slew[some], self.radius[some]])
-                slewing, luffing = ((one[2], one[1], 2 * one[0]) for one in fits.T)
-                return motion(slewing, luffing), unknown
-        return np.full(3, np.nan), unknown
+            reading_sd = math.hypot(float(radius[-1]) * self.slew_sd, self.radius_sd)
+            if 2 * math.sqrt(inverse[0, 0]) * reading_sd <= MOST_ERROR:
+                fits = inverse @ powers.T @ np.column_stack([slew[some], radius[some]])
+                turning, luffing = ((value, speed, 2 * half) for half, speed, value in fits.T)
+                return of_point(turning, luffing)
+        return np.full(3, np.nan)
 
     def wind_m_s(self, time: Array) -> float:
         """Root mean square of the wind at times (m,), m/s, as lean grows with its square, but `LEAST_WIND_M_S`."""

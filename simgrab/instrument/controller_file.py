@@ -208,6 +208,9 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     def check(self) -> None:  # noqa: D102
         if not self.quantities:
             raise ValueError("at least one of the tables slew, radius, luff, rope, wind and load is needed")
+        for name, one in (("slew", self.slew), ("radius", self.radius), ("luff", self.luff)):
+            if one is not None and one.setpoint == one.column:
+                raise ValueError(f"{name}.setpoint: must be another column than {one.column!r}, of a speed")
         if self.radius and self.luff:
             raise ValueError("luff: leave it out, or radius, which follows from it")
 
@@ -299,10 +302,12 @@ def read_controller(
         found[name] = joined
         if name != "rope":
             found[f"{name}_sd"] = sd
+    if len(setpoints) == 1:
+        notes.append(f"{path}: {next(iter(setpoints))}.setpoint is not used without that of the other drive")
     for axis, (time, values) in setpoints.items():
-        at = np.searchsorted(time, grid, side="right") - 1
-        fresh = (at >= 0) & (grid - time[at] <= facts.longest_gap_s)
-        values = np.where(fresh, values[at], np.nan)
+        at = np.searchsorted(time, grid, side="right")
+        since, values = np.append(-np.inf, time)[at], np.append(np.nan, values)[at]  # until the next one
+        values = np.where(grid - since <= facts.longest_gap_s, values, np.nan)
         if axis == "radius" and isinstance(facts.luff, Luff):
             values = _of_radius(values, found["radius"], facts.luff)
         found[f"{axis}_setpoint"] = values
@@ -429,24 +434,26 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
 def _setpoints(rows: _Rows, name: str, quantity: Slew | Radius | Luff, notes: list[str]) -> tuple[Array, Array]:
     """Return the speeds demanded of a drive, SI per second: times (n,) and values (n,)."""
     where, speed, unit = f"{rows.path}: {name}.setpoint, column {quantity.setpoint!r}", *_LIMITS[name][2:]
-    refuse = _Refusing(where, rows.kept, notes)
     cells, bad = _parsed(rows.path, rows.table, quantity.setpoint, float)
-    raw = refuse(cells[rows.kept], bad[rows.kept], "not a number", _of_commas(rows.table, quantity.setpoint, bad))
-    values = raw * UNITS[quantity.setpoint_unit]
-    cure = f"; is {name}.setpoint_unit right?"
-    values = refuse(values, np.abs(values) > speed, f"faster than {speed:g} {unit}/s", cure)
-    if isinstance(quantity, Slew) and quantity.clockwise:
-        values = -values
-    known = np.isfinite(values)
-    if not known.any():
-        raise RecordError(f"{where}: no readings")
+    sign = -1 if isinstance(quantity, Slew) and quantity.clockwise else 1
+    values = sign * cells[rows.kept] * UNITS[quantity.setpoint_unit]
+    wrong = bad[rows.kept] | (np.abs(values) > speed)
+    if wrong.any():  # no reason to refuse the readings
+        first = int(rows.kept[wrong.argmax()]) + 1
+        notes.append(
+            f"{where}: {wrong.sum()} of {len(wrong)} are not used, the first in row {first}: not a number, or faster "
+            f"than {speed:g} {unit}/s; is {name}.setpoint_unit right?"
+        )
+    known = np.isfinite(values) & ~wrong
     return rows.time[known] - quantity.lag_s, values[known]
 
 
 def _of_radius(setpoints: Array, radius: Array, luff: Luff) -> Array:
     """Turn setpoints of the luff angle (n,), rad/s, into those of the radius, m/s, as at their last change."""
+    known = np.flatnonzero(np.isfinite(radius))
+    out = np.interp(np.arange(len(radius)), known, radius[known]) - luff.pivot_m
     changed = np.append(True, np.diff(setpoints) != 0)
-    per_rad = -np.sqrt(np.maximum(luff.jib_m**2 - (radius - luff.pivot_m) ** 2, 0))
+    per_rad = -np.sqrt(np.maximum(luff.jib_m**2 - out**2, 0))
     return np.asarray(setpoints * per_rad[np.maximum.accumulate(np.where(changed, np.arange(len(radius)), 0))])
 
 

@@ -8,20 +8,24 @@ import numpy as np
 
 from simgrab.model.geometry import Array
 
-RAMPS_S = np.geomspace(0.7, 15.0, 32)  # durations of a ramp that are considered, each with its probability
-USUAL_S, SPREAD = 6.0, 0.5  # their median before any of the ramp is seen, and their logarithm's standard deviation
+# A ramp begins by so much after the setpoint changed, and takes so long: pairs that are considered.
+DELAY_STEP_S = 0.1
+_DELAYS_S, _RAMPS_S = np.meshgrid(np.arange(7) * DELAY_STEP_S, np.geomspace(0.7, 10.0, 24))
+DELAY_S, RAMP_S = _DELAYS_S.ravel(), _RAMPS_S.ravel()
+USUAL_S, SPREAD = 6.0, 0.5  # median of a ramp's duration before it is seen, and its logarithm's standard deviation
 STOPPING_S = 4.5  # of a stop that is still to come
-BEFORE_S, REST_S = 0.5, 2.0  # readings are used from so long before the setpoint's last change, at least so many
+BEFORE_S, REST_S = 0.5, 2.0  # readings are used from so long before the setpoint's change on, and of so long at least
 LEAST_READINGS = 5
-LEAST_STEP = 0.05  # of the greatest setpoint: less is noise
+LEAST_STEP = 0.05  # of the greatest setpoint: smaller changes are noise
 SLIP, CREEP = 0.1, 1e-4  # standard deviation of the final speed: share of the setpoint, and rad/s or m/s
 SPEED_SD = 1.0  # rad/s or m/s, of the speed before
-MOST_MISFIT = 3.0  # of readings (root mean square) and of the final speed, over what is expected
+EXACT = 1e-6  # rad or m: no reading is better
+MOST_MISFIT = 3.0  # standard deviations of readings (root mean square) and of the final speed
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """An axis whose speed goes to the setpoint in a ramp of unknown duration.
+    """An axis whose speed goes to the setpoint in a ramp, of which begin and duration are not known.
 
     Attributes
     ----------
@@ -29,23 +33,25 @@ class Drive:
         Now, rad or m.
     final : float
         Speed after the ramp, per second.
-    age_s : float
-        Time since the setpoint changed.
-    change : ndarray, shape (32,)
-        Final speed less that before the change, for each of `RAMPS_S`.
-    weight : ndarray, shape (32,)
-        Probability of each.
+    age_s : ndarray, shape (168,)
+        Time since the ramp began, of each of the pairs of `DELAY_S` and `RAMP_S`.
+    change : ndarray, shape (168,)
+        Final speed less that before the ramp.
+    weight : ndarray, shape (168,)
+        Probability.
     """
 
     value: float
     final: float
-    age_s: float
+    age_s: Array
     change: Array
     weight: Array
 
     @classmethod
     def of(cls, time: Array, values: Array, setpoints: Array, sd: float) -> Drive | None:
         """Fit the readings; None if the axis does not follow the setpoint, or if there are too few of them.
+
+        Without a change of the setpoint among the readings the ramp is over.
 
         Parameters
         ----------
@@ -58,60 +64,71 @@ class Drive:
         sd : float
             Standard deviation of a value.
         """
-        steps, late = np.abs(np.diff(setpoints)), 0.0
-        changes = np.flatnonzero(steps > LEAST_STEP * np.abs(setpoints).max())
-        age, some = RAMPS_S[-1] - time[0], time >= -REST_S
+        if len(time) < LEAST_READINGS:
+            return None
+        sd = max(sd, EXACT)
+        changes = np.flatnonzero(np.abs(np.diff(setpoints)) > LEAST_STEP * np.abs(setpoints).max())
+        age, first, timing_sd = np.full(len(RAMP_S), RAMP_S.max() - time[0]), -REST_S, 0.0
         if len(changes):
-            last = slice(changes[-1], changes[-1] + 2)
-            age, some = -float(time[last].mean()), time >= min(float(time[last].mean()) - BEFORE_S, -REST_S)
-            late = float(np.ptp(time[last]) * np.ptp(setpoints[last])) / np.sqrt(12)
-        t, setpoint = time[some], float(setpoints[-1])
+            before, after = time[changes[-1] : changes[-1] + 2]
+            age, first = -before - DELAY_S, min(before - BEFORE_S, -REST_S)
+            if len(changes) > 1:  # an earlier ramp may not have been over
+                first = after
+            timing_sd = float(abs(setpoints[-1] - setpoints[changes[-1]])) * DELAY_STEP_S / np.sqrt(12)
+        some, setpoint = time >= first, float(setpoints[-1])
+        t = time[some]
         if len(t) < LEAST_READINGS:
             return None
-        # A reading is value + final · t + change · lacking, which of final and change have normal prior distributions.
-        start = values[some][-1]
-        error = values[some] - start - setpoint * t
-        parts = np.stack(np.broadcast_arrays(1.0, t[:, None], _lacking(t[:, None] + age, age)))
-        parts = parts.transpose(2, 1, 0)
-        tight = sd / np.array([np.inf, SLIP * abs(setpoint) + CREEP, SPEED_SD])
-        fits = np.linalg.solve(parts.mT @ parts + np.diag(tight**2), parts.mT @ error[:, None])[..., 0]
-        squares = np.sum((error - np.vecdot(parts, fits[:, None])) ** 2, axis=-1) + np.sum((fits * tight) ** 2, axis=-1)
+        # Linear in value now, final speed and change of speed; the latter two have normal prior distributions.
+        by = np.stack(np.broadcast_arrays(1.0, t[:, None], _shortfall(age) - _shortfall(t[:, None] + age)))
+        by = by.transpose(2, 1, 0)
+        prior_sd = np.array([np.inf, SLIP * abs(setpoint) + CREEP, SPEED_SD])
+        precision = (sd / prior_sd) ** 2
+        left = values[some] - values[some][-1] - setpoint * t
+        fits = np.linalg.solve(by.mT @ by + np.diag(precision), by.mT @ left[:, None])[..., 0]
+        squares = np.sum((left - np.vecdot(by, fits[:, None])) ** 2, axis=-1) + fits**2 @ precision
         best = squares.argmin()
-        slips = abs(fits[best, 1]) * tight[1] > MOST_MISFIT * sd
-        if slips or squares[best] > MOST_MISFIT**2 * (sd**2 + late**2) * len(t):
+        slips = abs(fits[best, 1]) > MOST_MISFIT * prior_sd[1]
+        if slips or squares[best] > MOST_MISFIT**2 * (sd**2 + timing_sd**2) * len(t):
             return None
-        cost = squares / sd**2 + (np.log(RAMPS_S / USUAL_S) / SPREAD) ** 2
+        cost = squares / sd**2 + (np.log(RAMP_S / USUAL_S) / SPREAD) ** 2
         weight = np.exp((cost.min() - cost) / 2)
         weight /= weight.sum()
         value, final, change = fits.T
-        return cls(float(start + value @ weight), float(setpoint + final @ weight), age, change, weight)
+        now = values[some][-1] + value @ weight
+        return cls(float(now), float(setpoint + final @ weight), age, change, weight)
 
     def ahead(self, after_s: Array) -> tuple[Array, Array, Array]:
         """Return value, speed and acceleration, each (m,), that are expected in some seconds (m,)."""
-        s = self.age_s + after_s[:, None]
-        value = self.value + self.final * after_s + (self.change * _lacking(s, self.age_s)) @ self.weight
-        speed = self.final - (self.change * np.clip(1 - s / RAMPS_S, 0, 1)) @ self.weight
-        return value, speed, (self.change / RAMPS_S * (s < RAMPS_S)) @ self.weight
+        age = self.age_s + after_s[:, None]
+        gone = self.change * (_shortfall(age) - _shortfall(self.age_s))
+        speed = self.final - (self.change * np.clip(1 - age / RAMP_S, 0, 1)) @ self.weight
+        acceleration = (self.change / RAMP_S * ((age >= 0) & (age < RAMP_S))) @ self.weight
+        return self.value + self.final * after_s - gone @ self.weight, speed, acceleration
 
     def stopped(self, after_s: Array) -> tuple[Array, Array, Array]:
-        """Return the same, each (m + 1, m), if the drive is stopped at each of these times, and last if it is not."""
+        """Return the same, each (m + 1, m), if the drive is stopped at each of these times, and last if it is not.
+
+        A drive that stops sooner anyway is not changed.
+        """
         value, speed, acceleration = self.ahead(after_s)
-        u = (after_s - after_s[:, None]) / STOPPING_S
-        braking = np.where(u < 1, -speed[:, None] / STOPPING_S, 0.0)
-        return (
-            np.tile(value, (len(u) + 1, 1)),
-            np.vstack([np.where(u < 0, speed, speed[:, None] * np.clip(1 - u, 0, 1)), speed]),
-            np.vstack([np.where(u < 0, acceleration, braking), acceleration]),
-        )
+        share = 1 - (after_s - after_s[:, None]) / STOPPING_S
+        stopping = speed[:, None] * np.clip(share, 0, 1)
+        begins = (share == 1) & (acceleration * speed > -(speed**2) / STOPPING_S)
+        slower = (share < 1) & (np.abs(stopping) < np.abs(speed)) | begins
+        speeds = np.vstack([np.where(slower, stopping, speed), speed])
+        accelerations = np.where(slower, np.where(share > 0, -speed[:, None] / STOPPING_S, 0.0), acceleration)
+        steps = (speeds[:, 1:] + speeds[:, :-1]) / 2 * np.diff(after_s)
+        values = value[:1] + np.cumsum(np.pad(steps, ((0, 0), (1, 0))), axis=1)
+        return values, speeds, np.vstack([accelerations, acceleration])
 
 
-def _lacking(s: Array, until: float) -> Array:
-    """Integral (m, 32) of what ramps from 0 to 1 lack to 1, from times s (m, 1) since they began to another one, s."""
-    ends = (np.minimum(t, 0) - np.clip(1 - t / RAMPS_S, 0, 1) ** 2 * RAMPS_S / 2 for t in (until, s))
-    return np.asarray(next(ends) - next(ends))
+def _shortfall(age: Array) -> Array:
+    """Integral over time of what a ramp from 0 to 1, of each of `RAMP_S`, lacks to 1, up to ages (..., 168), s."""
+    return np.asarray(np.minimum(age, 0) - np.clip(1 - age / RAMP_S, 0, 1) ** 2 * RAMP_S / 2)
 
 
-def motion(slew: tuple[Array, Array, Array], radius: tuple[Array, Array, Array]) -> Array:
+def of_point(slew: tuple[Array, Array, Array], radius: tuple[Array, Array, Array]) -> Array:
     """Acceleration of O outward and counter-clockwise, m/s², and slewing rate, rad/s, shape (…, 3).
 
     Parameters

@@ -52,7 +52,7 @@ class State:
     reported : ndarray, shape (k, 3)
         Forcing, rad, and turning rate that a controller reports, which add to those of ``mean``; NaN where it does not.
     planned : ndarray, shape (k, 18, 17, 3)
-        The same of the next seconds, as of `Controller.jib_ahead`.
+        The same in the next seconds, as `Controller.jib_motion` gives it.
     """
 
     mean: Array
@@ -66,7 +66,7 @@ class State:
     def before(cls, records: int) -> State:
         """Know nothing."""
         mean, covariance, hoist = np.zeros((records, STATE)), np.zeros((records, STATE, STATE)), np.zeros(records)
-        unknown = (np.full(shape, np.nan) for shape in ((records, 3), (records, STEPS + 1, STEPS, 3)))
+        unknown = (np.broadcast_to(np.nan, shape) for shape in ((records, 3), (records, STEPS + 1, STEPS, 3)))
         return cls(mean, covariance, hoist * np.nan, hoist, *unknown)
 
 

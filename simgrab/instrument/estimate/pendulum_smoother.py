@@ -201,7 +201,7 @@ class PendulumSmoother(Estimator):
         start = mean.copy()
         if imu is None:
             start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
-        if self.controller is not None:
+        if self.controller is not None:  # a sensor's velocity drifts too much for the wind past it
             jib = replace(jib, controller=self.controller, wind_m_s=self.intervals.wind_m_s)
         loaded = self.controller is not None and self.controller.load is not None
         lean = np.sqrt(2 * self.intervals.lean_variance)
