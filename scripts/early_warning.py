@@ -13,7 +13,7 @@ kept.
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -55,7 +55,8 @@ WORLDS: dict[str, tuple[str, Mapping[str, Any]]] = {
     "fast16": ("work-cycles", HARD | {"swing.work.carry_rope_m": 16.0}),
 }
 ORDINARY, DANGEROUS = ("calm", "breeze"), ("abrupt", "fast", "fast16")
-GIVEN = {"forecast": "", "forecast, with the controller": "reported", "forecast, with its setpoints": "planned"}
+SETPOINTS = "slew_setpoint", "radius_setpoint"
+GIVEN = {"forecast": None, "forecast, with the controller": (), "forecast, with its setpoints": SETPOINTS}
 BUDGET_PER_H = 1.0
 THRESHOLDS = np.round(np.arange(0.3, 1.0, 0.05), 2)
 Clip = dict[str, Any]
@@ -101,28 +102,34 @@ def read(folder: Path, name: str, clip: int) -> Clip:
     work = Work(scenario, 0)
     moments = at + ClipMotion(scenario, 0).warm_up_s
     work.sample(moments)
-    columns = {"time": stamps, "slew": slew, "radius": radius}
-    whole = Controller(stamps, slew_sd=float(sds[0]), radius_sd=float(sds[1]))
+    slew_setpoint, radius_setpoint = work.setpoints(moments)
+    found["controller"] = Controller(
+        stamps, slew, radius, slew_sd=float(sds[0]), radius_sd=float(sds[1]), slew_setpoint=slew_setpoint,
+        radius_setpoint=radius_setpoint,
+    )  # fmt: skip
     begins, ends = (np.searchsorted(at, time - late, side="right") for late in (KEPT_S, LATE_S))
-    spans = list(zip(begins.tolist(), ends.tolist(), time.tolist(), strict=True))
-    for key, more in (("reported", ()), ("planned", ("slew_setpoint", "radius_setpoint"))):
-        stated = dict(zip(more, work.setpoints(moments), strict=False))
-        found[key] = [
-            replace(whole, **{name: one[a:b] for name, one in (columns | stated).items()}).jib_motion(t, MIDDLES_S)
-            for a, b, t in spans
-        ]
+    found["spans"] = list(map(slice, begins.tolist(), ends.tolist()))
     return found
 
 
-def forecasts(folder: Path, batch: tuple[list[tuple[str, int]], str]) -> list[dict[str, Array]]:
-    """Forecast in some clips at once, as a live run does, with the controller's data that a key of clips names."""
-    jobs, given = batch
+def motion(clip: Clip, frame: int, columns: Sequence[str]) -> tuple[Array, Array]:
+    """Return the jib's motion as the controller shows it in a frame by some of its columns."""
+    whole, some = clip["controller"], clip["spans"][frame]
+    latest = {name: getattr(whole, name)[some] if name in columns else None for name in SETPOINTS}
+    known = {name: getattr(whole, name)[some] for name in ("time", "slew", "radius")}
+    return replace(whole, **known, **latest).jib_motion(clip["time"][frame], MIDDLES_S)
+
+
+def forecasts(folder: Path, batch: tuple[list[tuple[str, int]], Sequence[str] | None]) -> list[dict[str, Array]]:
+    """Forecast in some clips at once, as a live run does, with no data of the controller, or with some setpoints."""
+    jobs, setpoints = batch
     clips, found = [read(folder, *job) for job in jobs], []
     together = {key: np.stack([clip[key] for clip in clips]) for key in ("swing", "length")}
     forecaster = Forecaster(len(clips))
     for i, time in enumerate(clips[0]["time"]):
-        motion = map(np.stack, zip(*(clip[given][i] for clip in clips), strict=True)) if given else ()
-        state = forecaster.step(time, together["swing"][:, i], NOISE, together["length"][:, i], *motion)
+        reported = [] if setpoints is None else zip(*(motion(clip, i, setpoints) for clip in clips), strict=True)
+        columns = map(np.stack, reported)
+        state = forecaster.step(time, together["swing"][:, i], NOISE, together["length"][:, i], *columns)
         if i >= FROM and i % EVERY == 0:
             found.append(vars(forecast(state, np.full(len(clips), TILT))))
     return [{key: np.array([f[key][k] for f in found]) for key in found[0]} for k in range(len(clips))]

@@ -70,10 +70,10 @@ class Drive:
         changes = np.flatnonzero(np.abs(np.diff(setpoints)) > LEAST_STEP * np.abs(setpoints).max())
         age, first, timing_sd = np.full(len(RAMP_S), RAMP_S.max() - time[0]), -REST_S, 0.0
         if len(changes):
-            before, after = time[changes[-1] : changes[-1] + 2]
-            age, first = -before - DELAY_S, min(before - BEFORE_S, -REST_S)
-            if len(changes) > 1:  # an earlier ramp may not have been over
-                first = after
+            before = float(time[changes[-1]])
+            age, first = -before - DELAY_S, before - BEFORE_S
+            if len(changes) == 1:  # so that the speed before did not change
+                first = min(first, -REST_S)
             timing_sd = float(abs(setpoints[-1] - setpoints[changes[-1]])) * DELAY_STEP_S / np.sqrt(12)
         some, setpoint = time >= first, float(setpoints[-1])
         t = time[some]
