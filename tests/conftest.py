@@ -46,14 +46,15 @@ CROOKED = {
 
 
 def pytest_addoption(parser):
-    parser.addoption("--slow", action="store_true", help="run the tests marked slow too")
+    for mark in ("slow", "long"):
+        parser.addoption(f"--{mark}", action="store_true", help=f"run the tests marked {mark} too")
 
 
 def pytest_collection_modifyitems(config, items):
-    if not config.getoption("--slow"):
-        slow = [item for item in items if item.get_closest_marker("slow")]
-        config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+    left_out = [mark for mark in ("slow", "long") if not config.getoption(f"--{mark}")]
+    some = [item for item in items if any(map(item.get_closest_marker, left_out))]
+    config.hook.pytest_deselected(items=some)
+    items[:] = [item for item in items if item not in set(some)]
 
 
 def toml(value):

@@ -43,8 +43,7 @@ def run(command, folder):
     return found.returncode, found.stdout, found.stderr
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(os.environ.get("SIMGRAB_TEST_TUTORIALS") == "0", reason="SIMGRAB_TEST_TUTORIALS=0")
+@pytest.mark.long
 @pytest.mark.parametrize("name", PAGES)
 def test_a_tutorial_gives_what_it_shows(name, tmp_path):
     printed = None

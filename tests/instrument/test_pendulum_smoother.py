@@ -38,7 +38,7 @@ def test_the_momentum_form_moves_as_the_simulators_vector_form():
             np.testing.assert_allclose(x[:2], n[i + 1, :2], atol=2e-4)  # the start's gradient errs by 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_less_than_two_periods_of_free_swing_give_the_tilt():
     found = studies.swinging("free", 40, 15.0, damping=0.005, size_deg=3.0)
     assert found.refused == 0
@@ -48,7 +48,7 @@ def test_less_than_two_periods_of_free_swing_give_the_tilt():
     assert 0.90 <= found.alpha_cover <= 0.995
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_on_forced_records_it_is_no_worse_than_the_memoryless():
     found = studies.swinging("forced", 4, 300.0)
     assert found.refused == 0

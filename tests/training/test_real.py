@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import os
 import shutil
 
 import cv2
@@ -196,8 +195,7 @@ def test_a_learning_curve_is_resumed_point_by_point(halves, known, tmp_path, mon
         curve.learning_curve([halves], tmp_path / "out", tiny, known, (0, 2))
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(os.environ.get("SIMGRAB_TEST_TUTORIALS") == "0", reason="SIMGRAB_TEST_TUTORIALS=0")
+@pytest.mark.long
 def test_a_learning_curve_begins_each_point_with_the_same_weights(halves, videos, tmp_path):
     out = tmp_path / "out"
     result = run(halves, "--also", videos, "--out", out, "--epochs", 1, "--learning-curve", "0,3")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import shutil
 import sys
 
@@ -123,6 +122,7 @@ def tiny(frames):
 
 
 @bundled
+@pytest.mark.long
 def test_of_a_training_its_share_is_written(dataset, tmp_path):
     train([dataset], tmp_path / "out", tiny, start=WEIGHTS, share=0.0)
     for name in NETS:
@@ -133,6 +133,7 @@ def test_of_a_training_its_share_is_written(dataset, tmp_path):
 
 
 @bundled
+@pytest.mark.long
 def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluate, "least_presence", lambda _seen: 0.2)
     found = train([dataset], tmp_path / "out", tiny, start=WEIGHTS, share=0.5)
@@ -156,8 +157,7 @@ def test_a_training_begins_with_a_detector_and_its_card_names_it(dataset, tmp_pa
 
 
 @bundled
-@pytest.mark.slow
-@pytest.mark.skipif(os.environ.get("SIMGRAB_TEST_TUTORIALS") == "0", reason="SIMGRAB_TEST_TUTORIALS=0")
+@pytest.mark.long
 def test_a_detector_learns_a_users_own_grab(tmp_path):
     """The command, with as few frames and epochs as it takes."""
     trimesh.creation.icosphere(subdivisions=3, radius=1.3).export(tmp_path / "ball.stl")

@@ -109,7 +109,7 @@ def test_mass_properties_are_those_of_the_meshes(jaw):
     assert found.inertia == pytest.approx(tuple(np.diag(inertia)), rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_isotropic_forcing_gives_rayleighs_law_and_not_the_papers():
     samples = []
     for seed in range(6):
