@@ -451,6 +451,8 @@ def _setpoints(rows: _Rows, name: str, quantity: Slew | Radius | Luff, notes: li
 def _of_radius(setpoints: Array, radius: Array, luff: Luff) -> Array:
     """Turn setpoints of the luff angle (n,), rad/s, into those of the radius, m/s, as at their last change."""
     known = np.flatnonzero(np.isfinite(radius))
+    if not len(known):
+        return np.full(len(setpoints), np.nan)
     out = np.interp(np.arange(len(radius)), known, radius[known]) - luff.pivot_m
     changed = np.append(True, np.diff(setpoints) != 0)
     per_rad = -np.sqrt(np.maximum(luff.jib_m**2 - out**2, 0))

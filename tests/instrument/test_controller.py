@@ -232,6 +232,17 @@ def test_setpoints_that_cannot_serve_are_named(tmp_path):
             read_controller(plain(tmp_path, slew=quantity("slew", "deg", setpoint=name)))
 
 
+def test_a_luff_angle_that_is_hardly_ever_read_gives_no_setpoints(tmp_path):
+    (tmp_path / "jib.csv").write_text("t,jib,r\n0.05,40.0,0.1\n55.05,41.0,0.1\n", encoding="utf-8")
+    slew = quantity("slew", "deg", setpoint="s")
+    luff = quantity("jib", "deg", setpoint="r", jib_m=JIB_M, file="jib.csv") | {"rate_hz": 0.02}
+    columns = {"t": TIME, "slew": np.degrees(SLEW), "s": 0 * TIME}
+    about = {"time": {"column": "t"}, "slew": slew, "luff": luff}
+    found = read_controller(written(tmp_path, {name: texts(one) for name, one in columns.items()}, about))
+    assert np.isnan(found.radius_setpoint).all()
+    assert np.isnan(found.jib_motion(30.0, NO_TIMES)[0]).all()
+
+
 def trapezoid(time, speed, start, ramp, stop):
     """Position, speed and acceleration of a drive that starts, and may stop, each in a ramp."""
     fine = np.arange(-20, 80, 1e-3)
