@@ -52,9 +52,9 @@ def pytest_addoption(parser):
 
 def pytest_collection_modifyitems(config, items):
     left_out = [mark for mark in ("slow", "long") if not config.getoption(f"--{mark}")]
-    some = [item for item in items if any(map(item.get_closest_marker, left_out))]
-    config.hook.pytest_deselected(items=some)
-    items[:] = [item for item in items if item not in set(some)]
+    some = {item for item in items if any(map(item.get_closest_marker, left_out))}
+    config.hook.pytest_deselected(items=list(some))
+    items[:] = [item for item in items if item not in some]
 
 
 def toml(value):

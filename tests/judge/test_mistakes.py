@@ -88,7 +88,7 @@ def tilt_of(rows):
 @pytest.mark.parametrize(("name", "scene"), SCENES)
 def test_no_mistake_is_named_where_there_is_none(name, scene):
     rows, true = truth(name, scene)
-    for seed in range(4):
+    for seed in range(8):
         noise = np.random.default_rng(seed).normal(0, np.deg2rad(0.3), len(true))
         for measured in (true, true + np.deg2rad(0.4)):
             assert likely(np.abs(measured + noise), true, rows, None) is None

@@ -17,7 +17,7 @@ from simgrab.world.sensors.motion import Motion
 COLUMNS = {SlewEncoder: "slew [deg]", LuffEncoder: "radius [m]", HoistEncoder: "rope_length [m]"}
 SETPOINTS = "slew_setpoint [deg/s]", "radius_setpoint [m/s]"
 WIND, LOAD = "wind [m/s]", "load [t]"
-SETPOINT_STEP = 0.001
+SETPOINT_STEP = 0.001  # deg/s and m/s: a controller knows them exactly
 SLACK = 0.3  # share of the mass that hangs on the ropes of a grab that digs
 
 
