@@ -29,7 +29,7 @@ SPANS_S = (1.2, 2.0, 3.0)  # of the latest readings
 LEAST_LATEST, OLDEST_S = 5, 0.5
 MOST_ERROR = 0.08  # m/s², standard deviation: a quarter of what a forecast expects of a jib that nobody reports
 LEAST_WIND_M_S = 2.0  # its lean is 0.01°
-SLACK = 0.6  # of the empty grab's mass: with less on its ropes it stands
+SLACK = 0.8  # of the empty grab's mass: with less on its ropes it stands
 LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
 
 

@@ -113,16 +113,17 @@ def test_the_wind_is_its_root_mean_square_while_there_are_frames(tmp_path, unit,
 @pytest.mark.parametrize("net", [False, True])
 @pytest.mark.parametrize(("unit", "factor"), [("t", 1), ("kg", 1000)])
 def test_the_load_says_how_light_the_grab_is(tmp_path, unit, factor, net):
-    """Ten seconds of an empty grab of 10 t, ten in which it digs, and twenty with 14 t of cargo."""
+    """Ten seconds of an empty grab of 10 t, ten in which it digs and fills, and twenty with 14 t of cargo."""
     time = np.arange(0, 40, 0.5)
-    tonnes = np.select([time < 10, time < 20], [10.0, 3.0], 24.0)
+    tonnes = np.select([time < 10, time < 20], [10.0, 3.0 + 0.42 * (time - 10)], 24.0)
     columns = {"t": time, "m": factor * (tonnes - 10.0 * net)}
     load = {"column": "m", "unit": unit, "grab_t": 10.0, "net": net, "resolution": 0.1, "rate_hz": 2.0}
     found = read_controller(written(tmp_path, columns, {"time": {"column": "t"}, "load": load}))
     light = found.lightness(time)
     assert light[0] / light[-1] == pytest.approx(2.4)
-    assert np.mean(light[tonnes > 5]) == pytest.approx(1)
+    assert np.mean(light[tonnes > 8]) == pytest.approx(1)
     assert light[20:40].min() > light[-1] - 1e-9  # as it digs the lean is that between
+    assert light[20:40].max() < light[0] + 1e-9
     np.testing.assert_allclose(found.shifted(ClockOffset(8.0, 1.0, "")).lightness(time + 8.0), light)
     assert not found.reports_motion
     for unknown in (None, np.column_stack([time, np.zeros(80)])):
