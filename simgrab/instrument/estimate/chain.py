@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dtbtrs
 
 from simgrab.model.geometry import Array
 
@@ -45,20 +47,41 @@ class Quadratic:
     def __mul__(self, factor: float) -> Quadratic:
         return Quadratic(*(a * factor for a in vars(self).values()))
 
+    def _eliminated(self) -> tuple[Array, NDArray[np.bool_], Array, Array, Array]:
+        """Eliminate the states.
+
+        Returns their Cholesky factor L, the parameters that have a border, L⁻¹ (border, pull), and the lower factor and
+        the pull of what is left for the parameters.
+        """
+        factor = scipy.linalg.cholesky_banded(self.band, lower=True, check_finite=False)
+        some = np.asarray(self.border.any(axis=0))
+        half, _ = dtbtrs(factor, np.column_stack([self.border[:, some], self.pull_states]), uplo="L")
+        schur, pull = self.corner.copy(), self.pull_parameters.copy()
+        schur[np.ix_(some, some)] -= half[:, :-1].T @ half[:, :-1]
+        pull[some] -= half[:, :-1].T @ half[:, -1]
+        return factor, some, half, scipy.linalg.cholesky(schur, lower=True, check_finite=False), pull
+
+    def marginal(self) -> float:
+        """Minus twice the logarithm of ∫ exp(−½ this) dδ, without a constant: the minimum plus log det H.
+
+        Raises numpy.linalg.LinAlgError where H is not positive definite.
+        """
+        factor, _, half, root, pull = self._eliminated()
+        left = scipy.linalg.solve_triangular(root, pull, lower=True, check_finite=False)
+        log_det = 2 * np.sum(np.log(factor[0])) + 2 * np.sum(np.log(np.diag(root)))
+        return float(self.constant - half[:, -1] @ half[:, -1] - left @ left + log_det)
+
     def minimise(self) -> Minimum:
         """Minimise; raises numpy.linalg.LinAlgError where H is not positive definite."""
-        factor = scipy.linalg.cholesky_banded(self.band, lower=True, check_finite=False)
-        both = scipy.linalg.cho_solve_banded(
-            (factor, True), np.column_stack([self.border, self.pull_states]), check_finite=False
-        )
-        gain, free = both[:, :-1], both[:, -1]
-        schur = self.corner - self.border.T @ gain
-        root = np.linalg.cholesky(schur)
-        parameters = np.linalg.solve(schur, self.pull_parameters - self.border.T @ free)
-        states = free - gain @ parameters
+        factor, some, half, root, pull = self._eliminated()
+        both, _ = dtbtrs(factor, half, uplo="L", trans="T")
+        gain = np.zeros_like(self.border)
+        gain[:, some] = both[:, :-1]
+        covariance = scipy.linalg.cho_solve((root, True), np.eye(len(root)), check_finite=False)
+        parameters = scipy.linalg.cho_solve((root, True), pull, check_finite=False)
+        states = both[:, -1] - gain @ parameters
         value = self.constant - self.pull_states @ states - self.pull_parameters @ parameters
-        log_det = 2 * np.sum(np.log(factor[0])) + 2 * np.sum(np.log(np.diag(root)))
-        return Minimum(states, parameters, float(value), float(log_det), factor, gain, np.linalg.inv(schur))
+        return Minimum(states, parameters, float(value), factor, gain, covariance)
 
 
 @dataclass(frozen=True)
@@ -70,8 +93,6 @@ class Minimum:
     states : ndarray, shape (n·d,)
     parameters : ndarray, shape (p,)
     value : float
-    log_det : float
-        Logarithm of the determinant of H.
     factor : ndarray, shape (2d, n·d)
         Cholesky factor of the states' block, in lower band form.
     gain : ndarray, shape (n·d, p)
@@ -83,7 +104,6 @@ class Minimum:
     states: Array
     parameters: Array
     value: float
-    log_det: float
     factor: Array
     gain: Array
     covariance: Array

@@ -7,8 +7,9 @@ whose strength maximises the likelihood of the readings.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
@@ -139,6 +140,13 @@ class JibMotion:
         """
         if not self.moves:
             return np.zeros((len(time), 2))
+        return np.asarray(self._levelling(frequency, damping)(np.clip(time, *self.time[[0, -2]])))
+
+    @cached_property
+    def _levelling(self) -> Callable[[float, float], CubicSpline]:
+        return lru_cache(1)(self._levelled)  # asked for once for each derivative
+
+    def _levelled(self, frequency: float, damping: float) -> CubicSpline:
         from scipy.signal import lfilter  # slow to import, and needed with a controller alone
 
         heading = (self.course[1:, 0] + self.course[:-1, 0]) / 2
@@ -148,7 +156,7 @@ class JibMotion:
         step = scipy.linalg.expm(STEP_S * np.array([[0.0, 1.0], [-(frequency**2), -2 * damping * frequency]]))
         trace, det, rise = step.trace(), np.linalg.det(step), 1 - step[0, 0]
         leans = plumb[0] + lfilter([0.0, rise, 1 - trace + det - rise], [1.0, -trace, det], plumb - plumb[0], axis=0)
-        return np.asarray(CubicSpline(self.time[:-1], leans)(np.clip(time, *self.time[[0, -2]])))
+        return CubicSpline(self.time[:-1], leans)
 
 
 def smoothed(at: Array, time: Array, position: Array, sd: float) -> Array:
@@ -193,8 +201,7 @@ def smoothed(at: Array, time: Array, position: Array, sd: float) -> Array:
     alike = steps(np.ones(k - 1))
 
     def minus_log(log: float) -> float:
-        found = (readings + alike * np.exp(-log)).minimise()
-        return found.value + found.log_det + 3 * (k - 1) * log
+        return (readings + alike * np.exp(-log)).marginal() + 3 * (k - 1) * log
 
     most, options = np.log([1e-6, 1.0]), {"xatol": 0.1}
     jerk2 = np.exp(scipy.optimize.minimize_scalar(minus_log, bounds=most, method="bounded", options=options).x)

@@ -53,8 +53,8 @@ class Weighed:
 
     def cost(self, strengths: Array) -> float:
         """Minus the logarithm of the record's likelihood (Laplace) at strengths (3,), without a constant."""
-        best, terms = self.at(strengths).minimise(), np.array([2 * self.links, 2 * self.seen, 2 * self.leans - 0.25])
-        return float(0.5 * (best.value + best.log_det) + terms @ strengths)
+        terms = np.array([2 * self.links, 2 * self.seen, 2 * self.leans - 0.25])
+        return float(0.5 * self.at(strengths).marginal() + terms @ strengths)
 
     def search(self, strengths: Array, *, wide: bool) -> Array:
         """Strengths (3,) of maximum likelihood (Laplace), with a prior as the fourth root of the slow one.
