@@ -208,12 +208,12 @@ def forecast(state: State, tilt_sd: Array) -> Forecast:
     rope = np.where(known, state.rope, LENGTH)[:, None]
     # The hoist's speed is expected to last as long as the slow forcing.
     ropes = np.maximum(rope + state.hoist[:, None] * MEMORY_S * -np.expm1(-ahead / MEMORY_S), rope / 2)
-    h = np.full(len(rope), ahead[1])
+    steps = np.full(len(rope), ahead[1])
+    links = [Links(steps, *ends, LENGTH) for ends in itertools.pairwise(ropes.T)]
+    roots = np.linalg.cholesky([_noise(one, unknown) for one in links])
     sines = [np.hypot(x[:, 0], x[:, 1])]
-    for i in range(1, len(ahead)):
-        links = Links(h, ropes[:, i - 1], ropes[:, i], LENGTH)
-        added = draws[:, i] @ np.linalg.cholesky(_noise(links, unknown)).mT
-        x = _advance(x, forced[:, i - 1], _repeated(links, PATHS)) + added.reshape(x.shape)
+    for i, (one, root) in enumerate(zip(links, roots, strict=True)):
+        x = _advance(x, forced[:, i], _repeated(one, PATHS)) + (draws[:, i + 1] @ root.mT).reshape(x.shape)
         sines.append(np.hypot(x[:, 0], x[:, 1]))
     alpha = np.arcsin(np.minimum(sines, 1.0)).T.reshape(len(rope), PATHS, -1)
     most, peak, place = _peaks(alpha)
@@ -275,13 +275,11 @@ def _advance(x: Array, forced: Array, links: Links) -> Array:
     """States (k, 7) after one step, in axes that have turned with the jib; reported forcing (k, 3) adds to theirs."""
     whole = x.copy()
     whole[:, 4:] += forced
-    moved, angle = pendulum.advance(whole[:, :TURN], FIXED, links), (whole[:, TURN] * links.step)[:, None]
+    moved, turn = pendulum.advance(whole[:, :TURN], FIXED, links), np.exp(-1j * whole[:, TURN] * links.step)
     fade = np.exp(-links.step / MEMORY_S)[:, None]
     moved[:, 4:] = x[:, 4:TURN] * fade
-    u, v = moved[:, ::2], moved[:, 1::2]
-    c, s = np.cos(angle), np.sin(angle)
-    turned = np.stack([c * u + s * v, c * v - s * u], axis=-1).reshape(moved.shape)
-    return np.column_stack([turned, x[:, TURN:] * fade])
+    turned = pendulum.paired(moved) * turn[:, None]
+    return np.column_stack([turned.view(np.float64), x[:, TURN:] * fade])
 
 
 def _peaks(alpha: Array) -> tuple[Array, Array, Array]:

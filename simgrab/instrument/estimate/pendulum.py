@@ -28,6 +28,8 @@ from simgrab.instrument.estimate.frames import Frames
 from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.model.geometry import Array, lean, on_ropes, rotation_z
 
+Complex = NDArray[np.complex128]
+
 NODE_S = 0.35  # longer steps between frames are divided
 THIN_S = 0.3  # strengths are searched for on frames that are this far apart
 MEMORY_S = 10.0  # correlation time of the slow forcing: gusts, and the jib's own motion
@@ -60,8 +62,8 @@ class Links:
         Rope length at both ends, m.
     length : float
         The fixed length that scales p, m.
-    memory_s : ndarray, shape (d − 6,)
-        Correlation times of states beyond the sixth.
+    memory_s : ndarray, shape (d/2 − 3,)
+        Correlation times of pairs of states beyond the sixth.
     """
 
     step: Array
@@ -132,17 +134,6 @@ def of_axes(block: Array, first: int, size: int) -> Array:
     return result
 
 
-def turning(s: Array, p: Array, rope: Array) -> tuple[Array, Array]:
-    """ṡ (..., 2) of momenta p = l²ṡ (..., 2), and the vertical part n_z (...) of n.
-
-    The angular momentum is L = (p_y, −p_x, L_z), whose last component follows from n·L = 0; ṅ = L × n / l².
-    """
-    nz = -np.sqrt(np.maximum(1 - np.sum(s * s, axis=-1), 1e-6))
-    lz = -(s[..., 0] * p[..., 1] - s[..., 1] * p[..., 0]) / nz
-    turn = np.stack([-p[..., 0] * nz - lz * s[..., 1], lz * s[..., 0] - p[..., 1] * nz], axis=-1)
-    return turn / rope[..., None] ** 2, nz
-
-
 def seen_from(turn: Array, s: Array, rope: Array, offset: Array) -> Array:
     """Position of the grab in a picture of unit focal length, (k, 2): x and y of the mount frame over the depth.
 
@@ -160,21 +151,9 @@ def looked_along(turn: Array, place: Array, rope: Array, offset: Array) -> Array
     return np.asarray(on_ropes(offset, ray, rope)[:, :2] / rope[:, None])
 
 
-def _rates(
-    x: Array,
-    parameters: Array,
-    rope: Array,
-    length: float,
-    acceleration: Array | float,
-    lightness: Array,
-    wind: Array | float,
-) -> Array:
-    s, p, a = x[:, :2], x[:, 2:4] * length**2, lightness * (x[:, 4:6] + wind)
-    turn, nz = turning(s, p, rope)
-    gravity = GRAVITY * rope * (1 + parameters[STIFFNESS])
-    drag = 2 * parameters[DAMPING] * np.sqrt(GRAVITY / rope)
-    torque = gravity[:, None] * (a - s) + (rope * nz)[:, None] * acceleration - drag[:, None] * p
-    return np.concatenate([turn, torque / length**2, np.zeros_like(x[:, 4:])], axis=-1)
+def paired(x: Array) -> Complex:
+    """Put horizontal axes that alternate (..., d) together as x + iy (..., d/2)."""
+    return np.asarray(np.ascontiguousarray(x).view(np.complex128))
 
 
 def advance(
@@ -187,32 +166,43 @@ def advance(
 ) -> Array:
     """Advance states (k, d) by one step of the fourth-order Runge-Kutta method.
 
+    The angular momentum per mass is L = (p_y, −p_x, L_z), whose last component follows from n·L = 0, and ṅ = L × n / l²
+    with the direction n of OA.
+
     Parameters
     ----------
     x : ndarray, shape (k, d)
     parameters : ndarray, shape (21,)
     links : Links
-    acceleration : ndarray, shape (k, 2), or float
+    acceleration : ndarray, shape (k, 2) or (2,), or float
         Of O, m/s².
     lightness : ndarray, shape (k,), or float
         One over the hoisted mass, over its mean.
-    wind : ndarray, shape (k, 2), or float
+    wind : ndarray, shape (k, 2) or (2,), or float
         Lean by a steady wind, rad.
     """
-    h = links.step[:, None]
+    h, z = links.step, paired(x)
     levers = links.before + parameters[REACH], links.after + parameters[REACH]
     before, after = (lever + parameters[LONGER] for lever in levers)
-    x = np.concatenate([x[:, :2] * (links.before / levers[0])[:, None], x[:, 2:]], axis=-1)
-    middle, fixed = (before + after) / 2, (links.length, acceleration, np.reshape(lightness, (-1, 1)), wind)
-    a = _rates(x, parameters, before, *fixed)
-    b = _rates(x + h / 2 * a, parameters, middle, *fixed)
-    c = _rates(x + h / 2 * b, parameters, middle, *fixed)
-    d = _rates(x + h * c, parameters, after, *fixed)
-    result = x + h / 6 * (a + 2 * b + 2 * c + d)
-    result[:, :2] *= (levers[1] / links.after)[:, None]
-    result[:, 4:6] *= np.exp(-h / MEMORY_S)
-    result[:, 6:] *= np.exp(-h / links.memory_s)
-    return np.asarray(result)
+    pull, blown = (paired(one)[..., 0] if isinstance(one, np.ndarray) else one for one in (acceleration, wind))
+    rest = lightness * (z[:, 2] + blown)
+
+    def rates(s: Complex, p: Complex, rope: Array) -> tuple[Complex, Complex]:
+        nz = -np.sqrt(np.maximum(1 - (s.real**2 + s.imag**2), 1e-6))
+        lz = (s.imag * p.real - s.real * p.imag) / nz
+        gravity = GRAVITY * rope * (1 + parameters[STIFFNESS])
+        drag = 2 * parameters[DAMPING] * np.sqrt(GRAVITY / rope)
+        return (1j * lz * s - nz * p) / rope**2, gravity * (rest - s) + rope * nz * pull - drag * p
+
+    s, p, middle = z[:, 0] * (links.before / levers[0]), z[:, 1] * links.length**2, (before + after) / 2
+    s1, p1 = rates(s, p, before)
+    s2, p2 = rates(s + h / 2 * s1, p + h / 2 * p1, middle)
+    s3, p3 = rates(s + h / 2 * s2, p + h / 2 * p2, middle)
+    s4, p4 = rates(s + h * s3, p + h * p3, after)
+    fade = np.exp(-h[:, None] / np.append(MEMORY_S, links.memory_s))
+    moved = (s + h / 6 * (s1 + 2 * s2 + 2 * s3 + s4)) * (levers[1] / links.after)
+    pushed = (p + h / 6 * (p1 + 2 * p2 + 2 * p3 + p4)) / links.length**2
+    return np.column_stack([moved, pushed, z[:, 2:] * fade]).view(np.float64)
 
 
 def sensed_lean(parameters: Array, course: Array) -> Array:

@@ -183,7 +183,7 @@ def _linearised(
     """
     k, d = path.shape
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
-    memory_s = np.repeat([memory for _, memory in priors.jib.drifts], 2)
+    memory_s = np.array([memory for _, memory in priors.jib.drifts])
     links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), memory_s)
     joined = ~nodes.first[1:]
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
