@@ -189,7 +189,8 @@ class _Fits:
 
     def fit(self, predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
         """Fit parameters; returns them and the errors (n,) that they leave."""
-        x = least_squares(lambda x: predict(x) - self.measured, start).x
+        method = "lm" if len(self.measured) >= len(start) else "trf"  # lm is faster
+        x = least_squares(lambda x: predict(x) - self.measured, start, method=method).x
         return x, self.measured - predict(x)
 
     def _moved(
@@ -204,10 +205,10 @@ class _Fits:
         level = self.swing + by
         grab = np.column_stack([level, -np.sqrt(np.maximum(1 - np.sum(level**2, axis=1), 0))])
         if lean.any() or shift.any() or turn.any():
-            turned = turn if turn.any() else [lean[1], -lean[0], 0.0]
-            ray = Rotation.from_rotvec(turned).apply(grab - self.camera)
-            camera = self.camera + np.pad(np.broadcast_to(shift, level.shape), ((0, 0), (0, 1)))
-            grab = on_ropes(camera, ray, 1.0)
+            turned = turn if turn.any() else (lean[1], -lean[0], 0.0)
+            camera = self.camera.copy()
+            camera[:, :2] += shift
+            grab = on_ropes(camera, (grab - self.camera) @ Rotation.from_rotvec(turned).as_matrix().T, 1.0)
         return swing_of(grab)[0]
 
     @cached_property
@@ -224,14 +225,13 @@ class _Fits:
     def _wrong(self, lean: Array) -> str:
         tilt = float(np.linalg.norm(self.axis))
         used = self.axis + lean
-        size, azimuth = np.degrees(np.linalg.norm(used)), np.degrees(np.arctan2(used[1], used[0])) % 360
+        size, (azimuth, true) = np.degrees(np.linalg.norm(used)), map(_azimuth, (used, self.axis))
         text = f"with a camera tilt that is {np.degrees(np.linalg.norm(lean)):.2f}° wrong"
         for times, how in ((1, "were left out"), (2, "had the opposite sign")):
             if np.linalg.norm(lean + times * self.axis) < tilt / 5:
                 return f"{text}, as if the tilt of {np.degrees(tilt):.1f}° {how}"
-        true = np.degrees(np.arctan2(self.axis[1], self.axis[0])) % 360
-        place = f"in place of {np.degrees(tilt):.1f}° with {true:.0f}°"
-        return f"{text}, {size:.1f}° with an azimuth of {azimuth:.0f}° {place}"
+        place = f"in place of {np.degrees(tilt):.1f}° with {true}°"
+        return f"{text}, {size:.1f}° with an azimuth of {azimuth}° {place}"
 
     def roll(self, roll: float) -> Mistake:
         """Explain by a roll, rad, that is wrong: the rays are turned about the optical axis."""
@@ -280,6 +280,11 @@ class _Fits:
             beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[k:])}", left, k + 2, of_tilt=True)
         far = len(self.swing) >= ENOUGH and max(beside.rms, self.least) < self.tilt.rms / CLEARLY**2
         return beside if beside.text and far and AS_GOOD * beside.rms < alone.rms else alone
+
+
+def _azimuth(vector: Array) -> int:
+    """Whole degrees of a vector's (2,) azimuth."""
+    return round(np.degrees(np.arctan2(vector[1], vector[0]))) % 360
 
 
 def _applied(what: str) -> Callable[[float], str]:
