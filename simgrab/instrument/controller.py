@@ -319,10 +319,11 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
             return replace(stated, difference_m=difference)
         delay -= float(np.clip(slope @ error / information, -STEP_S, STEP_S))
     sums = np.bincount(((t[both] - t[0]) / BLOCK_S).astype(np.int64), slope * error)
-    own = float(np.std(error)) < SAME_M  # as in a run's angles.csv
-    late, late_sd, source = (
-        (0.0, 0.0, "its own lengths") if own else (DELAY_S, DELAY_SD_S, "the rope's length on the display")
-    )
-    variance = float(sums @ sums) / information**2 + late_sd**2
+    variance = float(sums @ sums) / information**2
+    if float(np.std(error)) < SAME_M:  # as in a run's angles.csv, whose clock was known no better than by the display
+        sd = max(math.sqrt(variance), min(DELAY_SD_S, controller.clock_sd_s))
+        return ClockOffset(delay, sd, "its own lengths", difference)
+    variance += DELAY_SD_S**2
     weight = controller.clock_sd_s**2 / max(controller.clock_sd_s**2 + variance, 1e-300)
-    return ClockOffset(weight * (delay - late), math.sqrt(weight * variance), source, difference)
+    sd = math.sqrt(weight * variance)
+    return ClockOffset(weight * (delay - DELAY_S), sd, "the rope's length on the display", difference)

@@ -24,7 +24,7 @@ from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
 from simgrab.instrument.estimate.follow import Known, known, load
 from simgrab.instrument.estimate.intervals import WORKING, IntervalSettings
-from simgrab.instrument.estimate.solve import in_wind, informed, on_clock, solve, stated_ends, with_weak_prior
+from simgrab.instrument.estimate.solve import informed, on_clock, solve, stated_ends, with_weak_prior
 from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import MIDDLES_S, Forecaster
 from simgrab.instrument.observation import Observation, observe, one
@@ -305,7 +305,7 @@ class Pipeline:
                 del observations[:old], lengths[:old]
                 if estimated:
                     whole = angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
-                    windy = in_wind(estimator, self.controller, whole.time)
+                    windy = estimator.in_wind(self.controller, whole.time)
                     found = whole.estimate(windy, calibration)
                     if found.ok:
                         found = with_weak_prior(found, whole, windy, calibration)

@@ -17,7 +17,7 @@ from swinging import nobody
 
 from simgrab.errors import RecordError, RunError
 from simgrab.instrument import pipeline as rooms
-from simgrab.instrument.controller import ClockOffset, Controller, clock_offset
+from simgrab.instrument.controller import DELAY_SD_S, ClockOffset, Controller, clock_offset
 from simgrab.instrument.controller_file import ControllerFacts, read_controller
 from simgrab.instrument.drive import Drive
 from simgrab.instrument.estimate import RopeAware
@@ -579,7 +579,7 @@ def test_a_display_does_not_delay_the_controllers_own_lengths(offset):
     frames, data = np.arange(10, 50, 1 / 9), reading(offset)
     found = clock_offset(data, frames, data.shifted(ClockOffset(offset, 0.0, "")).rope_at(frames))
     assert found.offset_s == pytest.approx(offset, abs=0.002)
-    assert found.sd_s < 0.01
+    assert found.sd_s == DELAY_SD_S  # what a run knows by a display; it may know more by the swing
     assert found.source == "its own lengths"
 
 
@@ -633,23 +633,25 @@ def test_the_controllers_rope_replaces_a_display():
         pipeline.conclude([msgspec.structs.replace(s, time_s=None) for s in blind], camera)
 
 
-def test_the_rope_is_that_of_the_clock_that_the_swing_shows():
-    """Without a display, and a controller that is 1.5 s late."""
+@pytest.mark.parametrize("late_s", [1.5, 0.1])
+def test_the_rope_is_that_of_the_clock_that_the_swing_shows(late_s):
+    """Without a display, and a controller that is late."""
     crane = swinging.record(frames=400, seed=104)
     camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
     blind = [msgspec.structs.replace(s, rope_status="", hoist_m=None, rope_text=None) for s in crane.observations(1.0)]
     late = np.arange(crane.time[0], crane.time[-1], 0.05)
     series = [np.interp(late, crane.time, of) for of in (*crane.jib.T, crane.rope)]
-    data = Controller(late + 1.5, *series, 1e-4, 0.003, clock_sd_s=1.0)
+    data = Controller(late + late_s, *series, 1e-4, 0.003, clock_sd_s=1.0)
     found = Pipeline(nobody, None, controller=data).conclude(blind, camera)
     late = found.estimate.diagnostics
-    assert late["clock_s"] == pytest.approx(-1.5, abs=0.05)
-    assert abs(late["clock_s"] + 1.5) < 3 * late["clock_sd_s"] < 0.3
-    used = np.array([m.rope_length_m for m in found.measurements])
-    np.testing.assert_allclose(used, crane.rope, atol=0.1)
+    assert late["clock_s"] == pytest.approx(-late_s, abs=0.05)
+    assert abs(late["clock_s"] + late_s) < 3 * late["clock_sd_s"] < 0.3
+    used = np.array([m.rope_length_m for m in found.measurements], float)
+    np.testing.assert_allclose(used[1:], crane.rope[1:], atol=0.03)
     np.testing.assert_array_equal(used, found.arrays.rope_length)
-    off = np.array([m.alpha for m in found.measurements]) - crane.alpha
-    assert np.degrees(np.sqrt(np.mean(off**2))) < 0.1
+    off = np.array([m.alpha for m in found.measurements], float) - crane.alpha
+    assert np.isfinite(off[1:]).all()  # the first frame is of before the first reading
+    assert np.degrees(np.sqrt(np.nanmean(off**2))) < 0.1
 
 
 def test_an_estimator_with_a_controller_gets_it_on_the_pictures_clock(monkeypatch):

@@ -138,6 +138,17 @@ def test_a_reported_load_separates_the_lean_in_a_wind_from_tilt():
     assert errors[1] < errors[0] / 1.5
     assert errors[1] < 0.12
 
+    few = slice(200)  # the wind may be the controller's
+    windy = replace(silent, wind=np.array([[crane.time[0], 12.0], [crane.time[-1], 12.0]]))
+    part = {name: values[few] for name, values in given.items()}
+    ends = []
+    for one, wind in ((windy, 0.0), (silent, 12.0), (silent, 0.0)):
+        smoother = PendulumSmoother(controller=one, intervals=IntervalSettings(wind_m_s=wind))
+        ends.append(smoother.estimate(noisy[few], crane.calibration, **part).interval("posterior").alpha)
+    reported, stated, unknown = ends
+    np.testing.assert_allclose(reported, stated, atol=1e-12)
+    assert np.abs(reported - unknown).max() > 1e-4
+
 
 @pytest.mark.parametrize("off_deg", [-12.0, 35.0])
 @pytest.mark.parametrize("mount", ["levelled", "rigid"])

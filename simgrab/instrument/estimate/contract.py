@@ -6,12 +6,13 @@ import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgrab.errors import RecordError
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.frames import Frames, check_record, groups, tangent_basis
 from simgrab.instrument.estimate.intervals import IntervalSettings
@@ -83,6 +84,12 @@ class Estimator(ABC):
     def needs_imu(self) -> bool:
         """Whether it has readings of an inertial sensor, which belong to one record."""
         return False
+
+    def in_wind(self, controller: Controller | None, time: Array | None) -> Self:
+        """Return a copy with the wind that a controller reports at times (m,), unless one was stated."""
+        if controller is None or controller.wind is None or time is None or self.intervals.wind_m_s:
+            return self
+        return replace(self, intervals=replace(self.intervals, wind_m_s=controller.wind_m_s(time)))
 
     @abstractmethod
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:

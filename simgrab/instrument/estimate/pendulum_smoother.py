@@ -111,8 +111,8 @@ class PendulumSmoother(Estimator):
     Attributes
     ----------
     controller : Controller or None
-        What the crane reports of its motion during the record. Slewing and luffing drive the pendulum, and they tilt
-        the camera: β is its tilt where the jib rests at its mean radius.
+        What the crane reports during the record. Slewing and luffing drive the pendulum, and they tilt the camera: β is
+        its tilt where the jib rests at its mean radius. Its wind is used unless ``intervals`` state one.
     imu : ImuReadings or None
         Readings of an inertial sensor in the camera's housing. Its gyroscope measures how the camera turns, and its
         accelerometer the acceleration of O, in place of the controller; β is the camera's mean tilt.
@@ -172,11 +172,11 @@ class PendulumSmoother(Estimator):
         mean[OFFSET], mean[DAMPING] = calibration.offset_m, DAMPED
         sd[TILT], sd[OFFSET], sd[DAMPING], sd[STIFFNESS] = TILT_SD, offset_sd, DAMPED_SD, STIFFNESS_SD
         jib, motion = JibMotion.at_rest(), None
-        steady = 0.0
+        steady, intervals = 0.0, self.in_wind(self.controller, frames.time).intervals
         if imu is not None or self.controller is not None:
             mean[LONGER], sd[LONGER] = LONGER_M, LONGER_SD_M
-            if self.intervals.wind_m_s:
-                sd[WIND] = np.sqrt(self.intervals.lean_variance)
+            if intervals.wind_m_s:
+                sd[WIND] = np.sqrt(intervals.lean_variance)
             else:
                 sd[WIND], steady = MOST_WIND, STEADY**-2.0
         if imu is not None:
@@ -202,9 +202,9 @@ class PendulumSmoother(Estimator):
         if imu is None:
             start[TILT], start[OFFSET] = (beta * np.cos(azimuth), beta * np.sin(azimuth)), rough.offset[0]
         if self.controller is not None:  # a sensor's velocity drifts too much for the wind past it
-            jib = replace(jib, controller=self.controller, wind_m_s=self.intervals.wind_m_s)
+            jib = replace(jib, controller=self.controller, wind_m_s=intervals.wind_m_s)
         loaded = self.controller is not None and self.controller.load is not None
-        lean = np.sqrt(2 * self.intervals.lean_variance)
+        lean = np.sqrt(2 * intervals.lean_variance)
         gusts = min(lean * (GUSTS if loaded else LOADS), MOST_GUSTS)
         priors = PendulumPriors(mean, sd, focal_px, jib, steady, gusts)
         turn, offset = camera(start, frames.time, jib)

@@ -48,20 +48,13 @@ def on_clock(controller: Controller, record: PixelRecord) -> tuple[Controller, C
 def informed(estimator: Estimator, controller: Controller | None, pixel_sd: Array, time: Array | None) -> Estimator:
     """Give an estimator what it uses: the controller's report of jib and wind, and the detector's deviation."""
     stated, given = pixel_sd[pixel_sd > 0], dict[str, Any]()
-    estimator = in_wind(estimator, controller, time)
+    estimator = estimator.in_wind(controller, time)
     if controller is not None and (controller.reports_motion or (controller.load is not None and estimator.needs_imu)):
         given["controller"] = controller
     if len(stated):
         given["wander_px"] = float(np.median(stated))
     taken = {name: value for name, value in given.items() if hasattr(estimator, name)}
     return replace(estimator, **taken) if taken else estimator
-
-
-def in_wind(estimator: Estimator, controller: Controller | None, time: Array | None) -> Estimator:
-    """Give an estimator the wind that a controller reports at times (m,), unless one was stated."""
-    if controller is None or controller.wind is None or time is None or estimator.intervals.wind_m_s:
-        return estimator
-    return replace(estimator, intervals=replace(estimator.intervals, wind_m_s=controller.wind_m_s(time)))
 
 
 def solve(
@@ -87,8 +80,15 @@ def solve(
     used = record.with_lengths(controller)
     found = used.estimate(estimator, calibration, until_s)
     if (moved := _by_swing(controller, estimator, found)) is not None:
-        used = record.with_lengths(moved)
-        found = used.estimate(estimator, calibration, until_s)
+        shifted = record.with_lengths(moved)
+        lengths, others = used.rope_length, shifted.rope_length
+        assert lengths is not None
+        assert others is not None
+        change = others - lengths
+        if np.nanmax(np.abs(change)) > LEAST_CHANGE_M:
+            used, found = shifted, shifted.estimate(estimator, calibration, until_s)
+        else:
+            used = replace(used, rope_length=lengths + np.nan_to_num(change))
     why = doubt(estimator, used, calibration, found)
     found = with_weak_prior(found, used, estimator, calibration, until_s)
     if found.ok:
@@ -97,13 +97,11 @@ def solve(
 
 
 def _by_swing(controller: Controller | None, estimator: Estimator, estimate: Estimate) -> Controller | None:
-    """Put a controller on the clock that the swing shows; None if it shows none, or no length of the rope changes."""
+    """Put a controller that reports the rope on the clock that the swing shows; None if it shows none."""
     late = None if estimator.needs_imu else estimate.diagnostics.get("clock_s")
     if late is None or controller is None or controller.rope is None:
         return None
-    moved = controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
-    change = np.abs(moved.rope_at(controller.time) - controller.rope)
-    return moved if np.nanmax(change) > LEAST_CHANGE_M else None
+    return controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
 
 
 def with_weak_prior(

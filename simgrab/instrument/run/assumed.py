@@ -13,7 +13,7 @@ from simgrab.instrument.angles import NORMAL
 from simgrab.instrument.contract import Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known, far_offset, tested_offsets
 from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
-from simgrab.instrument.estimate.solve import in_wind, stated_ends
+from simgrab.instrument.estimate.solve import stated_ends
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
@@ -59,7 +59,7 @@ def assumptions(
     used = None if record is None else record.estimator
     if record is None and isinstance(instrument, Pipeline):  # a live run
         used, controller = instrument.chosen(camera, live=True), instrument.controller
-        used = used if controller is None else in_wind(used, controller, controller.time)
+        used = used if controller is None else used.in_wind(controller, controller.time)
     intervals = any(m.alpha_low is not None for m in measured)
     leans = timed and intervals and used is not None and not moving(used) and camera.mount != "fixed"
     width, owed = _widths(camera, record, instrument) or (None, None)
