@@ -61,7 +61,7 @@ def main(videos: tuple[Path, ...], plc: Path | None, tilt: str) -> None:
                 pipeline = replace(pipeline, feed=Replay(folder, Path(work)))
             measured = run(video, instrument=pipeline, options=RunOptions(live=True, video=False), report=print)
         values = evaluate(measured, truths.of(measured, video)).to_dict()
-        found.append(values["warnings"] | {"rmse_deg": values["angle"]["overall"]["rmse_deg"]})
+        found.append(values["warning"] | {"rmse_deg": values["angle"]["overall"]["rmse_deg"]})
         print(video, found[-1], flush=True)
     hours, events, missed, late, false = (
         sum(one[name] for one in found) for name in ("hours", "events", "missed", "late", "false")

@@ -246,6 +246,9 @@ def test_half_a_pair_of_surrogates_is_no_text(scenario, why, tmp_path):
 def test_set_gives_no_key_twice():
     with pytest.raises(ScenarioError, match="frames: --set gives it twice"):
         scenes.parse_changes(["frames=3", "frames=5"])
+    for first in ("vary=3", "vary.'a.b'=4"):
+        with pytest.raises(ScenarioError, match=r"vary.*: --set gives it twice"):
+            scenes.parse_changes([first, "vary.'a.b'=5"])
 
 
 @pytest.mark.parametrize(("statuses", "expected"), [("read,jump,", [12.0, np.nan, np.nan]), (",,", None)])

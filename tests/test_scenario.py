@@ -155,6 +155,10 @@ def test_set_takes_toml_values():
     date = scenes.parse_changes(["display.start=2022-01-26T14:05:38"])  # without quotes
     scene = scenes.load("quay-day", changes | date)
     assert (scene.place.depth_m, scene.display.start) == (15.0, "2022-01-26T14:05:38")
+    factors = scenes.parse_changes(
+        [f'vary."camera.{key}_deg"={{dist="uniform",low=1,high=7}}' for key in ("beta", "roll")]
+    )
+    assert {"camera.beta_deg", "camera.roll_deg"} <= set(scenes.load("training", factors).vary)
     for broken in ("camera.beta_deg", "=3", "camera.beta_deg="):
         with pytest.raises(ScenarioError, match="key=value"):
             scenes.parse_changes([broken])

@@ -290,6 +290,19 @@ def test_contradictions_are_refused(state):
         state("quay-day", {"clip.clip_frames": 2, "vary": factors})
 
 
+def test_a_file_states_no_number_that_its_own_factor_cannot_be(tmp_path):
+    path, factor = tmp_path / "scene.toml", f"[vary]\n'camera.beta_deg' = {toml(UNIFORM)}\n"
+    low, high = UNIFORM["low"], UNIFORM["high"]
+    for stated in (low, high, low - 1, high + 1):
+        path.write_text(f"clip.clip_frames = 2\n[camera]\nbeta_deg = {stated}\n{factor}")
+        if low <= stated <= high:
+            assert "camera.beta_deg" in scenes.load(path).vary
+        else:
+            why = rf"^camera\.beta_deg: states {stated:g}, and \[vary\] draws {low:g} to {high:g} instead: change both$"
+            with pytest.raises(ScenarioError, match=why):
+                scenes.load(path)
+
+
 @pytest.mark.parametrize("value", [3, [3], "x", {"camera.beta_deg": "x"}])
 def test_what_is_no_factor_is_refused(value, state):
     with pytest.raises(ScenarioError, match="vary"):

@@ -99,9 +99,14 @@ def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
         key, equals, text = (s.strip() for s in assignment.partition("="))
         if not equals or not key or not text:
             raise ScenarioError("", f"--set takes key=value, got {shown(assignment)}")
-        if key in changes:
-            raise ScenarioError(key, f"--set gives it twice: {shown(changes[key])} and {shown(text)}")
-        changes[key] = parse_value(text, functools.partial(ScenarioError, key), "--set")
+        quoted, within, name = re.fullmatch(r"(\w+)\.([\"'])(.+)\2", key), changes, key
+        if quoted:  # a key with dots in it, as those of vary and every are
+            within, name = changes.setdefault(quoted[1], {}), quoted[3]
+            if not isinstance(within, dict):
+                raise ScenarioError(quoted[1], f"--set gives it twice: {shown(within)} and {shown(assignment)}")
+        if name in within:
+            raise ScenarioError(key, f"--set gives it twice: {shown(within[name])} and {shown(text)}")
+        within[name] = parse_value(text, functools.partial(ScenarioError, key), "--set")
     return changes
 
 
@@ -117,7 +122,10 @@ def _read(scene: str | Path, within: Path | None = None) -> dict[str, Any]:
     """Plain data of a whole scene: laid over its base where it names one, and over the defaults."""
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     data, _ = _of_file(path, within)
-    base = data.pop("base", None) if path.suffix != ".json" else None
+    base = None
+    if path.suffix != ".json":
+        vary.check_stated(data)
+        base = data.pop("base", None)
     if base is None:
         return merged(_defaults(), data)
     if base not in names():
