@@ -129,6 +129,9 @@ def test_published_stands_beside_measured(found):
     assert facts["rope lengths read"].split()[2] == str(45 - result.about["counts"]["lost"])
     assert facts["95 % intervals by"] == "frames that are 0.6 s apart"
     assert facts["early warnings"] == "0"
+    warned = result.about | {"warnings": [{"onset_s": second + 0.04} for second in range(1, 9)]}
+    many = dict(held(dataclasses.replace(result, about=warned)))
+    assert many["early warnings"] == "8, at 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, … s"
     none = [msgspec.structs.replace(m, warning=None) for m in result.measurements]
     silent = dict(held(dataclasses.replace(result, measurements=none)))
     assert silent["early warnings"].startswith("none: they need rope lengths")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from simgrab.instrument.run.runs import Run
 from simgrab.model.geometry import Array
 
 Row = tuple[str, str, str, str]
-MOST_FAULTS = 40  # that are listed
+MOST_FAULTS, MOST_ONSETS = 40, 6  # that are listed
 HEAD = ("", "the paper's video", "the paper's method", "this run")
 # Section 4.5 and its appendix: 3,699 frames by day, in the order of `measured`.
 _PUBLISHED = ("3699", "2.530", "2.664", "over 95 %", "10.010")
@@ -106,11 +106,13 @@ def held(run: Run) -> list[tuple[str, str]]:
     if above.get("share") is not None:
         ends = "" if above["low"] is None else f" ({percent(above['low'])} to {percent(above['high'])}, 95 %)"
         rows.append(("frames with α above 10°", f"{percent(above['share'])}{ends}"))
-    rows.append(("alarms", str(len(run.events)) if run.time is not None else "none: the frames are independent"))
+    alarms = _counted([event.onset_s for event in run.events])
+    rows.append(("alarms", alarms if run.time is not None else "none: the frames are independent"))
     if any(m.warning is not None for m in run.measurements):
-        rows.append(("early warnings", str(len(run.about["warnings"]))))
+        rows.append(("early warnings", _counted([warning["onset_s"] for warning in run.about["warnings"]])))
     elif run.time is not None and estimate is not None and estimate["status"] == "ok":
-        rows.append(("early warnings", "none: they need rope lengths and, with --imu or motion by --plc, --live"))
+        without = "none: they need rope lengths; and --live, where --imu or --plc measures the motion"
+        rows.append(("early warnings", without))
     if "faults" in run.about:
         faults = run.about["faults"]
         rows.append(("faults", str(len(faults))))
@@ -119,6 +121,13 @@ def held(run: Run) -> list[tuple[str, str]]:
     if "latency_p99_s" in speed:
         rows.append(("latency, 99 %", f"{1e3 * speed['latency_p99_s']:.0f} ms"))
     return rows
+
+
+def _counted(onsets_s: Sequence[float]) -> str:
+    """Write the number of events, and when the first ones begin."""
+    times = ", ".join(f"{onset_s:.1f}" for onset_s in onsets_s[:MOST_ONSETS])
+    more = ", …" if len(onsets_s) > MOST_ONSETS else ""
+    return f"{len(onsets_s)}{f', at {times}{more} s' if times else ''}"
 
 
 def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, str]]:
