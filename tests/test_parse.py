@@ -246,9 +246,13 @@ def test_half_a_pair_of_surrogates_is_no_text(scenario, why, tmp_path):
 def test_set_gives_no_key_twice():
     with pytest.raises(ScenarioError, match="frames: --set gives it twice"):
         scenes.parse_changes(["frames=3", "frames=5"])
-    for first in ("vary=3", "vary.'a.b'=4"):
-        with pytest.raises(ScenarioError, match=r"vary.*: --set gives it twice"):
-            scenes.parse_changes([first, "vary.'a.b'=5"])
+    for first in ("vary=3", "vary={'a.b'=4}", "vary.'a.b'=4"):
+        for both in ([first, "vary.'a.b'=5"], ["vary.'a.b'=5", first]):
+            with pytest.raises(ScenarioError, match=r"vary.*: --set gives it twice"):
+                scenes.parse_changes(both)
+    stated = scenes.parse_changes(["camera.beta_deg=20", "vary.'camera.beta_deg'={dist='uniform',low=1,high=3}"])
+    with pytest.raises(ScenarioError, match="the same call sets and varies"):
+        scenes.load("training", stated)
 
 
 @pytest.mark.parametrize(("statuses", "expected"), [("read,jump,", [12.0, np.nan, np.nan]), (",,", None)])

@@ -294,13 +294,19 @@ def test_a_file_states_no_number_that_its_own_factor_cannot_be(tmp_path):
     path, factor = tmp_path / "scene.toml", f"[vary]\n'camera.beta_deg' = {toml(UNIFORM)}\n"
     low, high = UNIFORM["low"], UNIFORM["high"]
     for stated in (low, high, low - 1, high + 1):
-        path.write_text(f"clip.clip_frames = 2\n[camera]\nbeta_deg = {stated}\n{factor}")
+        path.write_text(f"base = 'quay-day'\nclip.clip_frames = 2\n[camera]\nbeta_deg = {stated}\n{factor}")
         if low <= stated <= high:
             assert "camera.beta_deg" in scenes.load(path).vary
         else:
             why = rf"^camera\.beta_deg: states {stated:g}, and \[vary\] draws {low:g} to {high:g} instead: change both$"
             with pytest.raises(ScenarioError, match=why):
                 scenes.load(path)
+
+
+@pytest.mark.parametrize("scene", [name for name in scenes.names() if scenes.load(name).vary])
+def test_a_scene_written_whole_is_the_same(scene, tmp_path):
+    (tmp_path / "scene.toml").write_text(scenes.load(scene).to_toml(), encoding="utf-8")
+    assert scenes.load(tmp_path / "scene.toml") == scenes.load(scene)
 
 
 @pytest.mark.parametrize("value", [3, [3], "x", {"camera.beta_deg": "x"}])

@@ -255,6 +255,7 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
     The display's length is the controller's of some time before, and a constant. That time, which minimises the squared
     differences, is the clock's offset and the display's delay (`DELAY_S`), or the offset alone where the lengths are
     the controller's own. It is combined with the stated offset of 0 ± ``clock_sd_s``.
+    Its own lengths may have been shifted by a display's: they leave a standard deviation of `DELAY_SD_S` at least.
 
     Parameters
     ----------
@@ -319,11 +320,13 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
             return replace(stated, difference_m=difference)
         delay -= float(np.clip(slope @ error / information, -STEP_S, STEP_S))
     sums = np.bincount(((t[both] - t[0]) / BLOCK_S).astype(np.int64), slope * error)
-    variance = float(sums @ sums) / information**2
-    if float(np.std(error)) < SAME_M:  # as in a run's angles.csv, whose clock was known no better than by the display
-        sd = max(math.sqrt(variance), min(DELAY_SD_S, controller.clock_sd_s))
-        return ClockOffset(delay, sd, "its own lengths", difference)
-    variance += DELAY_SD_S**2
+    own = float(np.std(error)) < SAME_M  # as in a run's angles.csv
+    late, late_sd, source = (
+        (0.0, 0.0, "its own lengths") if own else (DELAY_S, DELAY_SD_S, "the rope's length on the display")
+    )
+    variance = float(sums @ sums) / information**2 + late_sd**2
     weight = controller.clock_sd_s**2 / max(controller.clock_sd_s**2 + variance, 1e-300)
     sd = math.sqrt(weight * variance)
-    return ClockOffset(weight * (delay - DELAY_S), sd, "the rope's length on the display", difference)
+    if own:  # the run knew the clock no better than by a display
+        sd = max(sd, min(DELAY_SD_S, controller.clock_sd_s))
+    return ClockOffset(weight * (delay - late), sd, source, difference)

@@ -95,19 +95,19 @@ def manifest(scene: str | Path) -> dict[str, Any] | None:
 def parse_changes(assignments: Iterable[str]) -> dict[str, Any]:
     """Parse ``a.b=value`` assignments; values are TOML, and dates and anything else are taken as strings."""
     changes: dict[str, Any] = {}
+    tables: dict[str, dict[str, Any]] = {}
     for assignment in assignments:
         key, equals, text = (s.strip() for s in assignment.partition("="))
         if not equals or not key or not text:
             raise ScenarioError("", f"--set takes key=value, got {shown(assignment)}")
-        quoted, within, name = re.fullmatch(r"(\w+)\.([\"'])(.+)\2", key), changes, key
-        if quoted:  # a key with dots in it, as those of vary and every are
-            within, name = changes.setdefault(quoted[1], {}), quoted[3]
-            if not isinstance(within, dict):
-                raise ScenarioError(quoted[1], f"--set gives it twice: {shown(within)} and {shown(assignment)}")
+        factor = re.fullmatch(r"(vary|every)\.([\"'])(.+)\2", key)  # whose own key has dots in it
+        within, name = (tables.setdefault(factor[1], {}), factor[3]) if factor else (changes, key)
         if name in within:
             raise ScenarioError(key, f"--set gives it twice: {shown(within[name])} and {shown(text)}")
         within[name] = parse_value(text, functools.partial(ScenarioError, key), "--set")
-    return changes
+    if twice := min(tables.keys() & changes, default=""):
+        raise ScenarioError(twice, f"--set gives it twice: {shown(changes[twice])} and {shown(tables[twice])}")
+    return changes | tables
 
 
 def parse_size(text: str) -> tuple[int, int]:

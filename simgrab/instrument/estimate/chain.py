@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
@@ -50,35 +51,36 @@ class Quadratic:
     def _eliminated(self) -> tuple[Array, NDArray[np.bool_], Array, Array, Array]:
         """Eliminate the states.
 
-        Returns their Cholesky factor L, the parameters that have a border, L⁻¹ (border, pull), and the lower factor and
-        the pull of what is left for the parameters.
+        Returns their Cholesky factor L, the parameters that have a border, L⁻¹ (border, pull), and of what is left for
+        the parameters the inverse of the Cholesky factor, and the pull.
         """
         factor = scipy.linalg.cholesky_banded(self.band, lower=True, check_finite=False)
         some = np.asarray(self.border.any(axis=0))
         half, _ = dtbtrs(factor, np.column_stack([self.border[:, some], self.pull_states]), uplo="L")
-        schur, pull = self.corner.copy(), self.pull_parameters.copy()
+        pull = self.pull_parameters.copy()
+        schur: Any = self.corner.copy()
         schur[np.ix_(some, some)] -= half[:, :-1].T @ half[:, :-1]
         pull[some] -= half[:, :-1].T @ half[:, -1]
-        return factor, some, half, scipy.linalg.cholesky(schur, lower=True, check_finite=False), pull
+        return factor, some, half, np.linalg.inv(np.linalg.cholesky(schur)), pull
 
     def marginal(self) -> float:
         """Minus twice the logarithm of ∫ exp(−½ this) dδ, without a constant: the minimum plus log det H.
 
         Raises numpy.linalg.LinAlgError where H is not positive definite.
         """
-        factor, _, half, root, pull = self._eliminated()
-        left = scipy.linalg.solve_triangular(root, pull, lower=True, check_finite=False)
-        log_det = 2 * np.sum(np.log(factor[0])) + 2 * np.sum(np.log(np.diag(root)))
+        factor, _, half, inverse, pull = self._eliminated()
+        left = inverse @ pull
+        log_det = 2 * np.sum(np.log(factor[0])) - 2 * np.sum(np.log(np.diag(inverse)))
         return float(self.constant - half[:, -1] @ half[:, -1] - left @ left + log_det)
 
     def minimise(self) -> Minimum:
         """Minimise; raises numpy.linalg.LinAlgError where H is not positive definite."""
-        factor, some, half, root, pull = self._eliminated()
+        factor, some, half, inverse, pull = self._eliminated()
         both, _ = dtbtrs(factor, half, uplo="L", trans="T")
         gain = np.zeros_like(self.border)
         gain[:, some] = both[:, :-1]
-        covariance = scipy.linalg.cho_solve((root, True), np.eye(len(root)), check_finite=False)
-        parameters = scipy.linalg.cho_solve((root, True), pull, check_finite=False)
+        covariance = inverse.T @ inverse
+        parameters = covariance @ pull
         states = both[:, -1] - gain @ parameters
         value = self.constant - self.pull_states @ states - self.pull_parameters @ parameters
         return Minimum(states, parameters, float(value), factor, gain, covariance)

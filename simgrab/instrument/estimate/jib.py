@@ -7,9 +7,8 @@ whose strength maximises the likelihood of the readings.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -140,11 +139,15 @@ class JibMotion:
         """
         if not self.moves:
             return np.zeros((len(time), 2))
-        return np.asarray(self._levelling(frequency, damping)(np.clip(time, *self.time[[0, -2]])))
+        kept, key = self._leans, (frequency, damping)
+        if key not in kept:  # asked for once for each derivative
+            kept.clear()
+            kept[key] = self._levelled(frequency, damping)
+        return np.asarray(kept[key](np.clip(time, *self.time[[0, -2]])))
 
     @cached_property
-    def _levelling(self) -> Callable[[float, float], CubicSpline]:
-        return lru_cache(1)(self._levelled)  # asked for once for each derivative
+    def _leans(self) -> dict[tuple[float, float], CubicSpline]:
+        return {}
 
     def _levelled(self, frequency: float, damping: float) -> CubicSpline:
         from scipy.signal import lfilter  # slow to import, and needed with a controller alone

@@ -174,11 +174,11 @@ def advance(
     x : ndarray, shape (k, d)
     parameters : ndarray, shape (21,)
     links : Links
-    acceleration : ndarray, shape (k, 2) or (2,), or float
+    acceleration : ndarray, shape (k, 2) or (2,), or 0.0
         Of O, m/s².
     lightness : ndarray, shape (k,), or float
         One over the hoisted mass, over its mean.
-    wind : ndarray, shape (k, 2) or (2,), or float
+    wind : ndarray, shape (k, 2) or (2,), or 0.0
         Lean by a steady wind, rad.
     """
     h, z = links.step, paired(x)

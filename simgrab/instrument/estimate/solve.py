@@ -23,7 +23,7 @@ R = TypeVar("R", bound=PixelRecord)
 
 
 class Solved(NamedTuple, Generic[R]):
-    """An estimate, the record with the rope lengths that it used, and what the swing contradicts; mostly empty."""
+    """An estimate, the record with the rope lengths of its clock, and what the swing contradicts; mostly empty."""
 
     record: R
     estimate: Estimate
@@ -79,16 +79,14 @@ def solve(
     """
     used = record.with_lengths(controller)
     found = used.estimate(estimator, calibration, until_s)
-    if (moved := _by_swing(controller, estimator, found)) is not None:
-        shifted = record.with_lengths(moved)
-        lengths, others = used.rope_length, shifted.rope_length
-        assert lengths is not None
-        assert others is not None
-        change = others - lengths
-        if np.nanmax(np.abs(change)) > LEAST_CHANGE_M:
-            used, found = shifted, shifted.estimate(estimator, calibration, until_s)
-        else:
-            used = replace(used, rope_length=lengths + np.nan_to_num(change))
+    change = _shifted(record, used, _by_swing(controller, estimator, found))
+    if np.abs(change).max() > LEAST_CHANGE_M:
+        used = record.with_lengths(_by_swing(controller, estimator, found))
+        found = used.estimate(estimator, calibration, until_s)
+        change = _shifted(record, used, _by_swing(controller, estimator, found))
+    if change.any():
+        assert used.rope_length is not None
+        used = replace(used, rope_length=used.rope_length + change)
     why = doubt(estimator, used, calibration, found)
     found = with_weak_prior(found, used, estimator, calibration, until_s)
     if found.ok:
@@ -102,6 +100,14 @@ def _by_swing(controller: Controller | None, estimator: Estimator, estimate: Est
     if late is None or controller is None or controller.rope is None:
         return None
     return controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
+
+
+def _shifted(record: PixelRecord, used: PixelRecord, controller: Controller | None) -> Array:
+    """By how much the controller's rope lengths differ from those used (n,), m; 0 where one of them is missing."""
+    lengths, before = record.with_lengths(controller).rope_length, used.rope_length
+    if controller is None or lengths is None or before is None:
+        return np.zeros(1)
+    return np.nan_to_num(lengths - before)
 
 
 def with_weak_prior(

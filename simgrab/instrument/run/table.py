@@ -111,7 +111,7 @@ def held(run: Run) -> list[tuple[str, str]]:
     if any(m.warning is not None for m in run.measurements):
         rows.append(("early warnings", _counted([warning["onset_s"] for warning in run.about["warnings"]])))
     elif run.time is not None and estimate is not None and estimate["status"] == "ok":
-        without = "none: they need rope lengths; and --live, where --imu or --plc measures the motion"
+        without = "none: they need rope lengths, and --live too if --imu or --plc measures the motion"
         rows.append(("early warnings", without))
     if "faults" in run.about:
         faults = run.about["faults"]

@@ -189,8 +189,7 @@ class _Fits:
 
     def fit(self, predict: Callable[[Array], Array], *start: float) -> tuple[Array, Array]:
         """Fit parameters; returns them and the errors (n,) that they leave."""
-        method = "lm" if len(self.measured) >= len(start) else "trf"  # lm is faster
-        x = least_squares(lambda x: predict(x) - self.measured, start, method=method).x
+        x = least_squares(lambda x: predict(x) - self.measured, start, method="lm").x
         return x, self.measured - predict(x)
 
     def _moved(

@@ -280,15 +280,17 @@ def _toml(value: Any) -> str:
 def check_stated(data: Mapping[str, Any]) -> None:
     """Refuse plain data of one file that state a number which the file's own factors, drawn in its place, cannot be.
 
+    A file without a base states every key, also those that its factors replace.
+
     Raises
     ------
     ScenarioError
     """
-    own = data.get("vary")
+    own = data.get("vary") if "base" in data else None
     for key, factor in own.items() if isinstance(own, Mapping) else ():
         ends = [factor.get(end) for end in ("low", "high")] if isinstance(factor, Mapping) else []
         numbers = [value for value in (at(data, key), *ends) if type(value) in (int, float)]
-        if len(numbers) == 3 and not numbers[1] <= numbers[0] <= numbers[2]:
+        if len(numbers) == 3 and numbers[1] <= numbers[2] and not numbers[1] <= numbers[0] <= numbers[2]:
             stated, low, high = numbers
             raise ScenarioError(key, f"states {stated:g}, and [vary] draws {low:g} to {high:g} instead: change both")
 
