@@ -16,6 +16,7 @@ from simgrab.errors import RecordError
 from simgrab.instrument import pipeline as rooms
 from simgrab.instrument import video
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.controller import Controller
 from simgrab.instrument.controller_feed import ControllerFeed
 from simgrab.instrument.estimate import MeanRay
 from simgrab.instrument.estimate.record import PixelRecord
@@ -247,3 +248,15 @@ def test_a_long_live_run_is_written_in_parts(tmp_path, monkeypatch):
     np.testing.assert_array_equal(parts[-1].time, found.time)
     assert lines[0] == "tilt: by mean-ray"
     assert lines[1:] == [f"written: {tmp_path / name}" for name in ("out", "out-2")]
+
+
+def test_a_live_run_on_a_file_says_that_slewing_serves_streams_alone(tmp_path):
+    from test_run import nothing
+
+    time, lines = np.arange(60) / 10, []
+    reported = Controller(time, 0.1 * time, 20 + 0 * time, 15 + 0 * time)
+    instrument = Pipeline(nothing, None, controller=reported)
+    path, options = film(tmp_path / "a.mp4", np.arange(20) / 9), RunOptions(live=True, video=False)
+    running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), None, instrument, options, report=lines.append)
+    used = "of the controller the rope length is used; its slewing and luffing serve a stream's warnings alone"
+    assert lines == [f"tilt: by rope-aware; {used}"]
