@@ -1,6 +1,6 @@
 """Score early warnings on rendered videos, measured live with what a controller has reported by then.
 
-    scripts/simgrab render alarm-cycles --size 960x540 --frames 16200 --set clip.clip_frames=2700 \
+    scripts/simgrab render alarm-cycles --size 960x540 --frames 16200 --set clip.clip_frames=2700 \\
         --video runs/hard.mp4 --out runs/hard --set 'sensors.plc={model="controller"}'
     scripts/simgrab run runs/hard-000.mp4 --plc runs/hard/sensors/clip_000/plc --out runs/first
     scripts/python -m scripts.rendered_warnings runs/hard-*.mp4 --plc runs/hard/sensors --tilt runs/first/tilt.toml
@@ -66,7 +66,7 @@ def main(videos: tuple[Path, ...], plc: Path | None, tilt: str) -> None:
     hours, events, missed, late, false = (
         sum(one[name] for one in found) for name in ("hours", "events", "missed", "late", "false")
     )
-    lead = np.median([lead for one in found for lead in one["leads"]])
+    lead = np.median([lead for one in found for lead in one["leads"]] or [np.nan])
     rmse = np.sqrt(np.mean([one["rmse_deg"] ** 2 for one in found]))
     print(
         f"{hours:.2f} h | {events} events | {missed} missed | {late} late | median lead {lead:.1f} s | {false} false "

@@ -122,14 +122,12 @@ def _read(scene: str | Path, within: Path | None = None) -> dict[str, Any]:
     """Plain data of a whole scene: laid over its base where it names one, and over the defaults."""
     path = resources.find(scene, SCENES, "scene", "scenes", _REFUSE)
     data, _ = _of_file(path, within)
-    base = None
-    if path.suffix != ".json":
-        vary.check_stated(data)
-        base = data.pop("base", None)
+    base = data.pop("base", None) if path.suffix != ".json" else None
     if base is None:
         return merged(_defaults(), data)
     if base not in names():
         raise ScenarioError("base", f"{path}: no bundled scene {base!r}; one of: {', '.join(names())}")
+    vary.check_stated(data)
     return vary.laid_over(_read(base), data)
 
 

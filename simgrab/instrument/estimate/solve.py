@@ -79,14 +79,14 @@ def solve(
     """
     used = record.with_lengths(controller)
     found = used.estimate(estimator, calibration, until_s)
-    change = _shifted(record, used, _by_swing(controller, estimator, found))
-    if np.abs(change).max() > LEAST_CHANGE_M:
-        used = record.with_lengths(_by_swing(controller, estimator, found))
+    moved = _by_swing(controller, estimator, found)
+    if moved is not None and np.abs(_change(record, used, moved)).max() > LEAST_CHANGE_M:
+        used = record.with_lengths(moved)
         found = used.estimate(estimator, calibration, until_s)
-        change = _shifted(record, used, _by_swing(controller, estimator, found))
-    if change.any():
+        moved = _by_swing(controller, estimator, found)
+    if moved is not None:
         assert used.rope_length is not None
-        used = replace(used, rope_length=used.rope_length + change)
+        used = replace(used, rope_length=used.rope_length + _change(record, used, moved))
     why = doubt(estimator, used, calibration, found)
     found = with_weak_prior(found, used, estimator, calibration, until_s)
     if found.ok:
@@ -102,12 +102,12 @@ def _by_swing(controller: Controller | None, estimator: Estimator, estimate: Est
     return controller.shifted(ClockOffset(float(late), controller.clock_sd_s, "the swing"))
 
 
-def _shifted(record: PixelRecord, used: PixelRecord, controller: Controller | None) -> Array:
+def _change(record: PixelRecord, used: PixelRecord, controller: Controller) -> Array:
     """By how much the controller's rope lengths differ from those used (n,), m; 0 where one of them is missing."""
-    lengths, before = record.with_lengths(controller).rope_length, used.rope_length
-    if controller is None or lengths is None or before is None:
-        return np.zeros(1)
-    return np.nan_to_num(lengths - before)
+    lengths = record.with_lengths(controller).rope_length
+    assert lengths is not None
+    assert used.rope_length is not None
+    return np.nan_to_num(lengths - used.rope_length)
 
 
 def with_weak_prior(

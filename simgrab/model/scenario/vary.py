@@ -278,15 +278,15 @@ def _toml(value: Any) -> str:
 
 
 def check_stated(data: Mapping[str, Any]) -> None:
-    """Refuse plain data of one file that state a number which the file's own factors, drawn in its place, cannot be.
+    """Refuse plain data of a file that state a number which the file's own factors, drawn in its place, cannot be.
 
-    A file without a base states every key, also those that its factors replace.
+    They are what the file lays over its base: a file without one states every key, also those that its factors replace.
 
     Raises
     ------
     ScenarioError
     """
-    own = data.get("vary") if "base" in data else None
+    own = data.get("vary")
     for key, factor in own.items() if isinstance(own, Mapping) else ():
         ends = [factor.get(end) for end in ("low", "high")] if isinstance(factor, Mapping) else []
         numbers = [value for value in (at(data, key), *ends) if type(value) in (int, float)]
