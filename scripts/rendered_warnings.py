@@ -1,6 +1,6 @@
-"""Score early warnings on rendered videos, measured live with what a controller has reported by then.
+r"""Score early warnings on rendered videos, measured live with what a controller has reported by then.
 
-    scripts/simgrab render alarm-cycles --size 960x540 --frames 16200 --set clip.clip_frames=2700 \\
+    scripts/simgrab render alarm-cycles --size 960x540 --frames 16200 --set clip.clip_frames=2700 \
         --video runs/hard.mp4 --out runs/hard --set 'sensors.plc={model="controller"}'
     scripts/simgrab run runs/hard-000.mp4 --plc runs/hard/sensors/clip_000/plc --out runs/first
     scripts/python -m scripts.rendered_warnings runs/hard-*.mp4 --plc runs/hard/sensors --tilt runs/first/tilt.toml
