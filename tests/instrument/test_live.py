@@ -12,7 +12,7 @@ import tomli_w
 from films import film
 from test_pipeline import lives, made
 
-from simgrab.errors import RecordError
+from simgrab.errors import RecordError, RunError
 from simgrab.instrument import pipeline as rooms
 from simgrab.instrument import video
 from simgrab.instrument.contract import Frame, Measurement
@@ -248,6 +248,40 @@ def test_a_long_live_run_is_written_in_parts(tmp_path, monkeypatch):
     np.testing.assert_array_equal(parts[-1].time, found.time)
     assert lines[0] == "tilt: by mean-ray"
     assert lines[1:] == [f"written: {tmp_path / name}" for name in ("out", "out-2")]
+
+
+def test_frames_are_measured_while_a_part_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(running, "PART_S", 2.0)
+    from test_run import nothing
+
+    write, further = running._write, threading.Event()
+
+    def waiting(*args, **options):
+        assert further.wait(30)
+        write(*args, **options)
+
+    monkeypatch.setattr(running, "_write", waiting)
+    path = film(tmp_path / "a.mp4", np.arange(30) / 9)
+    running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
+                RunOptions(live=True, video=False), progress=lambda done, _: done < 25 or further.set())  # fmt: skip
+    assert (tmp_path / "out/run.json").exists()
+    assert (tmp_path / "out-2/run.json").exists()
+
+
+@pytest.mark.parametrize("frames", [30, 300])
+def test_a_part_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch, frames):
+    monkeypatch.setattr(running, "PART_S", 2.0)
+    from test_run import nothing
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(running, "_write", full)
+    path = film(tmp_path / "a.mp4", np.arange(frames) / 9)
+    with pytest.raises(RunError, match="No space left"):
+        running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
+                    RunOptions(live=True, video=False))  # fmt: skip
+    assert [left.name for left in tmp_path.iterdir()] == ["a.mp4"]
 
 
 def test_a_live_run_on_a_file_says_that_slewing_serves_streams_alone(tmp_path):

@@ -6,6 +6,8 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -117,29 +119,39 @@ def run(
         raise RunError("a stream cannot be used with recorded readings of a sensor or controller: their times differ")
     parts = _Parts(opened, camera, instrument, progress, report or (lambda _: None)) if live else None
 
-    def measured(folder: Path | None) -> Run:
-        if parts is None:
-            found, overlay = _whole(opened, camera, instrument, options, folder, progress)
-        else:
-            found, overlay = parts.next(folder, options)
-        found = replace(found, about=found.about | named)
-        if folder is not None:
+    def measured(folder: Path | None) -> tuple[Callable[[], Run], OverlayVideo]:
+        if parts is not None:
+            return parts.next(folder, options)
+        found, overlay = _whole(opened, camera, instrument, options, folder, progress)
+        return lambda: found, overlay
+
+    def concluded(conclude: Callable[[], Run]) -> Run:
+        found = conclude()
+        return replace(found, about=found.about | named)
+
+    if out is None:
+        return concluded(measured(None)[0])
+
+    def write(making: ExitStack, folder: Path, conclude: Callable[[], Run], overlay: OverlayVideo) -> Run:
+        with making:
+            found = concluded(conclude)
             _write(found, overlay, folder, paper=options.paper)
         return found
 
-    if out is None:
-        return measured(None)
-    number, target = 1, Path(out)
-    while True:
-        with runs.making(target) as folder:
-            found = measured(folder)
-        if parts is None or parts.ended:
-            return found
-        if report:
-            report(f"written: {target}")
-        while os.path.lexists(target):
-            number += 1
-            target = Path(out).with_name(f"{Path(out).name}-{number}")
+    numbers, target = itertools.count(2), Path(out)
+    with ThreadPoolExecutor(1) as writer:  # beside which the stream is measured on
+        while True:
+            with ExitStack() as making:
+                folder = making.enter_context(runs.making(target))
+                conclude, overlay = measured(folder)
+                if parts is not None:
+                    parts.check_written()
+                args = making.pop_all(), folder, conclude, overlay
+            if parts is None or parts.ended:
+                return write(*args)
+            parts.writing = target, writer.submit(write, *args)
+            further = (Path(out).with_name(f"{Path(out).name}-{number}") for number in numbers)
+            target = next(path for path in further if not os.path.lexists(path))
 
 
 def _write(found: Run, overlay: OverlayVideo, folder: Path, *, paper: bool) -> None:
@@ -217,6 +229,7 @@ class _Parts:
         if not isinstance(instrument, Pipeline):
             raise RunError(f"{instrument.name} cannot measure frame by frame; a live run needs simgrab's own pipeline")
         self.ended = False
+        self.writing: tuple[Path, Future[Run]] | None = None  # the part before
         self._source, self._calibration, self._instrument = source, calibration, instrument
         self._report, self._backlog = report, Backlog() if source.live else None
         self._live = iter(instrument.live(fitting(_counted(source, progress), calibration), calibration))
@@ -236,8 +249,16 @@ class _Parts:
         text = self._backlog.step(time.monotonic(), time_s) if self._backlog else ""
         return [Fault(time_s, "source", text)] if text else []
 
-    def next(self, folder: Path | None, options: RunOptions) -> tuple[Run, OverlayVideo]:
-        """Measure one part: all of it where no folder is written."""
+    def check_written(self) -> None:
+        """Wait until the part before is written; raise what prevented it."""
+        if self.writing is not None:
+            target, future = self.writing
+            future.result()
+            self._report(f"written: {target}")
+            self.writing = None
+
+    def next(self, folder: Path | None, options: RunOptions) -> tuple[Callable[[], Run], OverlayVideo]:
+        """Measure one part, all of it where no folder is written; its results follow when they are called for."""
         notes = _Notes()
         measured: list[Measurement] = []
         latency: list[float] = []
@@ -249,6 +270,8 @@ class _Parts:
                 first = next(self._live, None) if self._first is None else self._first
                 for one in itertools.chain([first] if first else [], self._live):
                     assert first is not None
+                    if self.writing is not None and self.writing[1].done():
+                        self.check_written()
                     if folder and (one.frame.time_s or 0) >= (first.frame.time_s or 0) + PART_S:
                         self._first = one
                         break
@@ -269,11 +292,16 @@ class _Parts:
         if not measured:
             raise SourceError(f"{self._source.name}: it contains no frames")
         seconds = time.perf_counter() - begun
-        found = _conclude(notes, measured, self._calibration, self._instrument, self._source.name, None, tilt, seconds)
-        median, p99 = np.quantile(latency, [0.5, 0.99]).tolist()
-        speed = found.about["speed"] | {"latency_median_s": median, "latency_p99_s": p99}
-        about = found.about | {"speed": speed, "faults": msgspec.to_builtins(faults)}
-        return replace(found, about=about), overlay
+
+        def conclude() -> Run:
+            found = _conclude(
+                notes, measured, self._calibration, self._instrument, self._source.name, None, tilt, seconds
+            )
+            median, p99 = np.quantile(latency, [0.5, 0.99]).tolist()
+            speed = found.about["speed"] | {"latency_median_s": median, "latency_p99_s": p99}
+            return replace(found, about=found.about | {"speed": speed, "faults": msgspec.to_builtins(faults)})
+
+        return conclude, overlay
 
 
 class _Notes:
