@@ -51,7 +51,7 @@ ERRORS: dict[str, tuple[float, float]] = {
     "calm-day": (0.9, 5.2), "windy-day": (0.8, 3.1), "night-light-snow": (1.1, 4.5), "heavy-snow": (1.0, 3.1),
     "rain": (0.5, 2.5), "fog": (0.8, 4.5), "dust": (0.8, 6.0), "glare": (0.7, 5.4),
 }  # fmt: skip
-INPUTS = ("rope-aware", "smoother", "controller", "imu")
+INPUTS = ("rope-aware", "smoother", "controller", "imu", "controller+imu")
 CALM_M_S = 4.0  # of the other weathers
 CLIP_S, RATE_HZ = 600.0, 9.0
 LENGTHS_S = (20.0, 60.0, 300.0, 600.0)
@@ -150,10 +150,14 @@ def _readings(time: Array, jib: Array, mass: Array, rng: np.random.Generator, re
     )  # fmt: skip
 
 
-def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
+def _wind(weather: str, stated: float | None) -> float:
+    return WIND_M_S.get(weather, CALM_M_S) if stated is None else stated
+
+
+def records(cell: Cell, clip: int, most: int, mean_wind: float | None, reading: Reading) -> Errors:
     """Estimate some records of a clip: squared error of α (deg²), coverage and width (deg) of each; NaN if refused."""
     mount, weather, seconds, given = cell
-    wind, (noise, wander) = WIND_M_S.get(weather, CALM_M_S), ERRORS[weather]
+    wind, (noise, wander) = _wind(weather, mean_wind), ERRORS[weather]
     _, known, time, jib, alpha, rope, exact, mass = _clip(mount, wind, clip)
     size, found, intervals = int(seconds * RATE_HZ), Errors(), replace(WORKING, wind_m_s=wind)
     parts = len(time) // size
@@ -164,8 +168,8 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
         x, y, z = (np.array(known.offset_m) + rng.normal(0, OFFSET_SD_M, 3)).tolist()
         camera = msgspec.structs.replace(known, offset_m=(x, y, z), offset_sd_m=OFFSET_SD_M)
         sd = np.full(size, np.hypot(noise, wander))
-        controller = _readings(t, jib[some], mass[some], rng, reading) if given == "controller" else None
-        imu = _imu(mount, wind, clip) if given == "imu" else None
+        controller = _readings(t, jib[some], mass[some], rng, reading) if given.startswith("controller") else None
+        imu = _imu(mount, wind, clip) if given.endswith("imu") else None
         estimator: Estimator = PendulumSmoother(controller=controller, imu=imu, wander_px=wander, intervals=intervals)
         if given == "rope-aware":
             estimator = RopeAware(intervals=intervals)
@@ -183,9 +187,9 @@ def records(cell: Cell, clip: int, most: int, reading: Reading) -> Errors:
     return found
 
 
-def of_clip(cells: list[Cell], most: int, reading: Reading, clip: int) -> list[Errors]:
+def of_clip(cells: list[Cell], most: int, mean_wind: float | None, reading: Reading, clip: int) -> list[Errors]:
     """Estimate the records of all cells of one clip."""
-    return [records(cell, clip, most, reading) for cell in cells]
+    return [records(cell, clip, most, mean_wind, reading) for cell in cells]
 
 
 def _summary(clips: list[Errors]) -> str:
@@ -214,6 +218,7 @@ def _summary(clips: list[Errors]) -> str:
 @click.option("--clips", default=6, show_default=True, help="Of ten minutes each.")
 @click.option("--share", default=30, show_default=True, help="Most records of a clip.")
 @click.option("--workers", default=2, show_default=True)
+@click.option("--wind-m-s", type=float, help="Mean wind.  [default: of the weather]")
 @click.option("--rate-hz", default=20.0, show_default=True, help="Of the controller's readings.")
 @click.option("--slew-deg", default=0.044, show_default=True, help="Resolution.")
 @click.option("--radius-m", default=0.01, show_default=True, help="Resolution.")
@@ -223,14 +228,14 @@ def _summary(clips: list[Errors]) -> str:
 @click.option("--gap-s", default=0.0, show_default=True, help="Of each minute, without readings.")
 def main(
     mounts: tuple[str, ...], weathers: tuple[str, ...], lengths: tuple[str, ...], inputs: tuple[str, ...], first: int,
-    clips: int, share: int, workers: int, **reading: float,
+    clips: int, share: int, workers: int, wind_m_s: float | None, **reading: float,
 ) -> None:  # fmt: skip
     """Print a line for each cell."""
     seconds = tuple(map(float, lengths)) or LENGTHS_S
     cells = list(itertools.product(mounts or MOUNTS, weathers or tuple(ERRORS), seconds, inputs or INPUTS))
-    cells.sort(key=lambda cell: (WIND_M_S.get(cell[1], CALM_M_S), cell[0]))  # so that a clip is simulated once
+    cells.sort(key=lambda cell: (_wind(cell[1], wind_m_s), cell[0]))  # so that a clip is simulated once
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        found = list(pool.map(partial(of_clip, cells, share, reading), range(first, first + clips)))
+        found = list(pool.map(partial(of_clip, cells, share, wind_m_s, reading), range(first, first + clips)))
     for cell, of_cell in zip(cells, zip(*found, strict=True), strict=True):
         mount, weather, length, given = cell
         print(f"{mount} | {weather} | {length:g} s | {given} | {_summary(list(of_cell))}", flush=True)
