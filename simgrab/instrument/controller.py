@@ -25,7 +25,8 @@ MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
 RADIUS_M = 25.0  # where no radius is reported
-SPANS_S = (1.2, 2.0, 3.0)  # of the latest readings
+LATEST_S = 20.0  # of readings that show the jib's motion
+SPANS_S = (1.2, 2.0, 3.0)  # of them, for parabolas
 LEAST_LATEST, OLDEST_S = 5, 0.5
 MOST_ERROR = 0.08  # m/s², standard deviation: a quarter of what a forecast expects of a jib that nobody reports
 LEAST_WIND_M_S = 2.0  # its lean is 0.01°
@@ -69,6 +70,8 @@ class Controller:
         Mass of the empty grab, with ``load``.
     slew_setpoint, radius_setpoint : ndarray, shape (n,), or None
         Speeds that are demanded of the drives, rad/s and m/s.
+    motion_late_s : float
+        How long after its time a reading of slew or radius is known.
     """
 
     time: Array
@@ -87,6 +90,7 @@ class Controller:
     grab_kg: float = 0.0
     slew_setpoint: Array | None = None
     radius_setpoint: Array | None = None
+    motion_late_s: float = 0.0
 
     @property
     def reports_motion(self) -> bool:
@@ -129,7 +133,8 @@ class Controller:
         now, ahead = np.full(3, np.nan), np.full((len(after_s) + 1, len(after_s), 3), np.nan)
         if self.slew is None or self.radius is None:
             return now, ahead
-        some = np.flatnonzero(np.isfinite(self.slew) & np.isfinite(self.radius) & (self.time <= time))
+        begin, end = np.searchsorted(self.time, [time - LATEST_S, time - self.motion_late_s], side="right")
+        some = begin + np.flatnonzero(np.isfinite(self.slew[begin:end]) & np.isfinite(self.radius[begin:end]))
         if not len(some) or self.time[some[-1]] < time - OLDEST_S:
             return now, ahead
         t, slew, radius = self.time[some] - time, self.slew[some], self.radius[some]

@@ -104,7 +104,7 @@ class ControllerFeed:
         self._delays.append(delay)
         offset_s = min(self._delays) - min(self._late)
         offset = ClockOffset(offset_s, self._facts.time.clock_sd_s, "the rows' arrival")
-        self._controller = replace(found.shifted(offset), hold_s=self._facts.longest_gap_s / 2)
+        self._controller = replace(found.shifted(offset), hold_s=self._facts.longest_gap_s / 2, motion_late_s=0.0)
         return self._controller
 
     def _table(self, path: Path) -> pa.Table:

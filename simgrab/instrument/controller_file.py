@@ -292,9 +292,13 @@ def read_controller(
         notes.append(f"{path}: wind: the same reading throughout, and not used")
         del beside["wind"]
     grid = max([time for time, _, _ in series.values()] or stamps, key=len)
+    motion = [
+        (series[name][0], one) for name, one in (("slew", facts.slew), ("radius", facts.radius or facts.luff)) if one
+    ]
+    late_s = [one.lag_s + (0.0 if np.array_equal(time, grid) else 1 / one.rate_hz) for time, one in motion]
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
-    found: dict[str, Any] = {**beside}
+    found: dict[str, Any] = {**beside, "motion_late_s": max(late_s, default=0.0)}
     for name, (time, values, sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan

@@ -132,6 +132,19 @@ class Pipeline:
         """
         return self.controller is not None and self.controller.clock_sd_s > math.hypot(DELAY_S, DELAY_SD_S)
 
+    @property
+    def foresees(self) -> bool:
+        """Whether a live run's forecasts use how the controller's slewing and luffing move the jib."""
+        if self.feed is not None:
+            return self.feed.states_motion
+        reported = self.controller
+        return (
+            reported is not None
+            and reported.slew is not None
+            and reported.radius is not None
+            and not self.display_first
+        )
+
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record."""
         return self.record(frames, calibration).measurements
@@ -324,7 +337,7 @@ class Pipeline:
                     watch.shift(by)
             firm = ends if tracker is not None else angles.without_lean(alpha, ends, calibration)
             motion: Sequence[Array] = ()
-            if controller is not None and self.feed is not None and self.feed.states_motion:
+            if controller is not None and self.foresees:
                 motion = controller.jib_motion(at, MIDDLES_S)
             ahead_s = angles.forecasts(forecaster, newest, swing, alpha, firm, calibration.focal_length_px, motion)
             known_way = swing if tracker is None and still(calibration, estimator) else None

@@ -184,6 +184,7 @@ def test_setpoints_are_read_from_any_units_and_not_interpolated(tmp_path, unit, 
             "jib", "deg" if luff else "m", setpoint="r", setpoint_unit=rate_unit, lag_s=0.3, **length
         ),
     }))  # fmt: skip
+    assert found.motion_late_s == 0.3
     np.testing.assert_allclose(found.slew_setpoint, 0.1 * started, atol=1e-6)
     out = 0.02 * JIB_M * np.sin(angle[101]) if luff else 0.6  # as the drive started
     np.testing.assert_allclose(found.radius_setpoint, out * started, atol=1e-4)
@@ -241,6 +242,7 @@ def test_a_luff_angle_that_is_hardly_ever_read_gives_no_setpoints(tmp_path):
     about = {"time": {"column": "t"}, "slew": slew, "luff": luff}
     found = read_controller(written(tmp_path, {name: texts(one) for name, one in columns.items()}, about))
     assert np.isnan(found.radius_setpoint).all()
+    assert found.motion_late_s == 50.0
     assert np.isnan(found.jib_motion(30.0, NO_TIMES)[0]).all()
 
 

@@ -284,13 +284,19 @@ def test_a_part_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch, frame
     assert [left.name for left in tmp_path.iterdir()] == ["a.mp4"]
 
 
-def test_a_live_run_on_a_file_says_that_slewing_serves_streams_alone(tmp_path):
+@pytest.mark.parametrize(
+    ("clock_sd_s", "used"),
+    [
+        (0.3, ", and the jib's motion for warnings"),
+        (1.0, " where the display shows none: its clock is not known"),
+    ],
+)
+def test_a_live_run_on_a_file_says_what_it_uses_of_the_controller(tmp_path, clock_sd_s, used):
     from test_run import nothing
 
     time, lines = np.arange(60) / 10, []
-    reported = Controller(time, 0.1 * time, 20 + 0 * time, 15 + 0 * time)
+    reported = Controller(time, 0.1 * time, 20 + 0 * time, 15 + 0 * time, clock_sd_s=clock_sd_s)
     instrument = Pipeline(nothing, None, controller=reported)
     path, options = film(tmp_path / "a.mp4", np.arange(20) / 9), RunOptions(live=True, video=False)
     running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), None, instrument, options, report=lines.append)
-    used = "of the controller the rope length is used; its slewing and luffing serve a stream's warnings alone"
-    assert lines == [f"tilt: by rope-aware; {used}"]
+    assert lines == [f"tilt: by rope-aware; of the controller the rope length is used{used}"]

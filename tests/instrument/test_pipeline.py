@@ -18,7 +18,7 @@ from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import ESTIMATORS, IntervalSettings, MeanRay, PendulumSmoother, RopeAware
 from simgrab.instrument.estimate.follow import Known, follow, known, load
 from simgrab.instrument.estimate.intervals import WORKING
-from simgrab.instrument.forecast import Forecaster
+from simgrab.instrument.forecast import MIDDLES_S, Forecaster
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.read import Reader
 from simgrab.instrument.rope import rope
@@ -347,8 +347,8 @@ def test_a_live_record_uses_the_wind_that_the_controller_reports(crane):
 
 
 @pytest.mark.parametrize("states_motion", [True, False])
-def test_a_live_forecast_uses_the_motion_that_a_followed_controller_reports(crane, monkeypatch, states_motion):
-    """From counted readings, ten a second; of a controller that is not followed the clock is not known well enough."""
+def test_a_live_forecast_uses_the_motion_that_a_controller_reports(crane, monkeypatch, states_motion):
+    """From counted readings, ten a second, as they become known; unless a recorded one's clock is not known well."""
     reports, planned, step = [], [], Forecaster.step
 
     def watched(self, time, swing, sd, rope, *motion):
@@ -379,9 +379,17 @@ def test_a_live_forecast_uses_the_motion_that_a_followed_controller_reports(cran
     feed.data = dataclasses.replace(standing, radius_setpoint=0 * at)
     lives(few, crane.calibration, feed=feed)
     np.testing.assert_allclose(planned[-1], 0, atol=1e-3)
-    before = len(reports)
-    lives(few, crane.calibration, controller=dataclasses.replace(data, rope=None))
-    assert len(reports) == before
+    reports.clear()
+    lives(few, crane.calibration, controller=dataclasses.replace(data, clock_sd_s=1.0))
+    assert not reports
+    late = dataclasses.replace(data, motion_late_s=0.3)
+    lives(few, crane.calibration, controller=late)
+    until = [data.time <= one - 0.3 for one in crane.time[1:300]]
+    known = [dataclasses.replace(data, time=data.time[some], slew=slew[some], radius=radius[some]) for some in until]
+    expected = [
+        one.jib_motion(now, MIDDLES_S)[0] for one, now in zip(known, crane.time[1:300], strict=True) if len(one.time)
+    ]
+    np.testing.assert_array_equal(reports[-len(expected) :], expected)
 
 
 def test_a_live_record_carries_what_is_lost(crane):

@@ -239,9 +239,7 @@ class _Parts:
         plc = instrument.controller or instrument.feed
         rope = "; of the controller the rope length is used"
         rope += " where the display shows none: its clock is not known" if instrument.display_first else ""
-        more = ", and the jib's motion for warnings" if instrument.feed and instrument.feed.states_motion else ""
-        if instrument.controller is not None and instrument.controller.reports_motion:
-            more = "; its slewing and luffing serve a stream's warnings alone"
+        more = ", and the jib's motion for warnings" if instrument.foresees else ""
         report(f"tilt: {given}{rope + more if plc else ''}")
 
     def _late(self, time_s: float) -> list[Fault]:
