@@ -59,6 +59,7 @@ def test_the_nightly_clips_have_every_weather_and_every_pair_of_mount_and_offset
     assert len({(c.mount, c.offset) for c in clips}) == 9
     assert sum(c.swing == "alarm" for c in clips) == 6
     assert set(clips) < set(season.full())
+    assert [clip.swing for clip in Season(subset="trial").clips] == ["work", "alarm"]
     assert len(set(season.full())) == 144
     for clip in season.full():
         scene = Season(seed=0).scenario(clip)

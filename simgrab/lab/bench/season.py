@@ -77,6 +77,14 @@ def nightly() -> tuple[SeasonClip, ...]:
     )
 
 
+def trial() -> tuple[SeasonClip, ...]:
+    """Return the first two of these, one with an alarm."""
+    return nightly()[:2]
+
+
+SUBSETS = {"nightly": nightly, "full": full, "trial": trial}
+
+
 def check_sensors(sensors: Sequence[str]) -> None:
     """Refuse sensors that are not some of `SENSORS` in their order; raises ValueError."""
     if list(sensors) != [kind for kind in SENSORS if kind in sensors]:
@@ -113,7 +121,7 @@ class Season(Checked, frozen=True):
     ----------
     name : str
     subset : str
-        "nightly" or "full".
+        One of `SUBSETS`.
     frames : int
         Of each clip; a clip with an alarm takes some 480.
     width_px, height_px : int
@@ -128,7 +136,7 @@ class Season(Checked, frozen=True):
     error = BenchError
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "open"
-    subset: Annotated[str, Meta(pattern="^(nightly|full)$")] = "nightly"
+    subset: Annotated[str, Meta(pattern=f"^({'|'.join(SUBSETS)})$")] = "nightly"
     frames: Annotated[int, Meta(ge=2, le=100_000)] = 540
     width_px: Annotated[int, Meta(ge=320, le=4096, multiple_of=2)] = 960
     height_px: Annotated[int, Meta(ge=180, le=4096, multiple_of=2)] = 540
@@ -142,7 +150,7 @@ class Season(Checked, frozen=True):
     @property
     def clips(self) -> tuple[SeasonClip, ...]:
         """In the order of the targets."""
-        return nightly() if self.subset == "nightly" else full()
+        return SUBSETS[self.subset]()
 
     @property
     def commitment(self) -> str:

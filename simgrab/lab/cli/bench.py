@@ -34,7 +34,8 @@ def command() -> None:
 @click.option("--season", "name", default="open", show_default=True, help="Its name.")
 @click.option("--seed", type=click.IntRange(0, 2**53), default=0, show_default=True, help="Seed of all clips.")
 @click.option("--hidden", is_flag=True, help="Draw a secret seed and salt, to be published when the season ends.")
-@click.option("--full", is_flag=True, help="All 144 clips in place of the nightly 12.")
+@click.option("--full", "subset", flag_value="full", help="All 144 clips in place of the nightly 12.")
+@click.option("--trial", "subset", flag_value="trial", help="Two of the 12, to try it out.")
 @click.option("--sensors", callback=_sensors, help=f"Beside the camera: some of {','.join(SENSORS)}.  [default: none]")
 @click.option(
     "--frames",
@@ -47,7 +48,7 @@ def command() -> None:
 @click.option("--workers", type=AUTO_WORKERS, help="Processes, a clip each.  [default: as cores and memory allow]")
 @quiet_option
 def prepare(
-    out: Path, name: str, seed: int, hidden: bool, full: bool, sensors: tuple[str, ...], frames: int,
+    out: Path, name: str, seed: int, hidden: bool, subset: str | None, sensors: tuple[str, ...], frames: int,
     size: tuple[int, int], workers: int | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Render a season. Interrupted, the same command continues it."""
@@ -55,7 +56,7 @@ def prepare(
     from simgrab.lab.bench.files import hidden_like, prepare
     from simgrab.lab.bench.season import Season
 
-    season = Season(name, "full" if full else "nightly", frames, *size, seed, sensors=sensors)
+    season = Season(name, subset or "nightly", frames, *size, seed, sensors=sensors)
     if hidden:
         season = hidden_like(season, out)
     with bar("rendering", shown=not quiet, unit="clips") as progress:
