@@ -55,7 +55,7 @@ ASKED = {
         "0,0.6,-0.3",
     ),
     "tilt": ("tilt of the camera from the vertical, degrees", "3"),
-    "height": ("height of the jib head above the quay, 22 to 35 m", "28"),
+    "height": ("height of the jib head above the quay, 22 to 60 m", "28"),
     "ropes": ("shortest and longest rope, to the grab's centre, m", "8..22"),
     "grab": (f"{', '.join(GRABS)}, or the file of a 3-D model", "four-rope"),
     "volume": ("volume of the grab, m³", "6"),

@@ -18,7 +18,7 @@ class Jib(Strict, frozen=True):
     crane whose camera sees none of its head.
     """
 
-    head_height_m: Annotated[float, about("Height of the rope exit O above the quay.", ge=22, le=35)] = 28.0
+    head_height_m: Annotated[float, about("Height of the rope exit O above the quay.", ge=22, le=60)] = 28.0
     head: Annotated[Literal["portal", "none"], about("Whether the steel of the jib head is there.")] = "portal"
     rope_spread_x_m: Annotated[float, about("Distance between rope exits, outboard.", ge=0.2, le=0.8)] = 0.45
     rope_spread_y_m: Annotated[float, about("Distance between rope exits, sideways.", ge=0.5, le=1.2)] = 1.1

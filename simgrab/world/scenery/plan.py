@@ -125,7 +125,7 @@ class Plan:
             raise ScenarioError(
                 "swing.work" if jib else "swing.rope_length_m",
                 f"frame {moment.frame}: a rope of {drawn:.2f} m lowers the grab into the ground or the cargo; "
-                f"at most {most:.2f} m there; raise jib.head_height_m (up to 35), lower what is "
+                f"at most {most:.2f} m there; raise jib.head_height_m (up to 60), lower what is "
                 f"below (place.fill of a hold, place.pile_height_m of a quay){shorten}",
             )
 
