@@ -230,6 +230,7 @@ class ClockOffset:
         )
 
 
+WORDS_S = 0.005  # less is no difference in words
 #: How a fault on a clock that is found in a live run begins.
 CLOCK = "its clock is "
 
@@ -241,6 +242,8 @@ def in_words(
     side, sign = ("ahead of", -1) if offset_s < 0 else ("behind", 1)
     low, high = sorted(sign * end for end in interval_s)
     said = f"{sign * offset_s:+.2f} s ({low:+.2f} to {high:+.2f}) {side} the pictures', from {source}"
+    if abs(offset_s) < WORDS_S:
+        said = f"that of the pictures ({low:+.2f} to {high:+.2f} s), from {source}"
     if by_swing_s is None:
         return said
     low, high = sorted(sign * end for end in by_swing_s)

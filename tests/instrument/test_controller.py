@@ -17,7 +17,7 @@ from swinging import nobody
 
 from simgrab.errors import RecordError, RunError
 from simgrab.instrument import pipeline as rooms
-from simgrab.instrument.controller import DELAY_SD_S, ClockOffset, Controller, clock_offset
+from simgrab.instrument.controller import DELAY_SD_S, ClockOffset, Controller, clock_offset, in_words
 from simgrab.instrument.controller_file import ControllerFacts, read_controller
 from simgrab.instrument.drive import Drive
 from simgrab.instrument.estimate import RopeAware
@@ -678,3 +678,16 @@ def test_a_description_is_a_value_too(tmp_path):
     np.testing.assert_allclose(read_controller(path, facts).rope, ROPE, atol=1e-6)
     with pytest.raises(RecordError, match=r"crane\.toml: No such file"):
         read_controller(path)
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "said"),
+    [
+        (0.0, "that of the pictures (-0.98 to +0.98 s), from a file"),
+        (-1.0, "+1.00 s (+0.02 to +1.98) ahead of the pictures', from a file"),
+        (1.0, "+1.00 s (+0.02 to +1.98) behind the pictures', from a file"),
+    ],
+)
+def test_a_clock_is_stated_in_words(offset_s, said):
+    clock = ClockOffset(offset_s, 0.5, "a file")
+    assert in_words(clock.offset_s, clock.interval_s, clock.source, None) == said
