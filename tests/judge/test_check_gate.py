@@ -545,6 +545,12 @@ def test_angles_in_degrees_are_named():
     assert "57.30 times the true one, as if it were in degrees" in said
 
 
+def test_a_factor_that_leaves_no_less_than_a_constant_answer_is_not_named():
+    true = np.linspace(1.0, 2.0, 20)
+    assert not any("factor" in said for said in _of_angles(9 + 5 * np.cos(40 * true), true))
+    assert "factor" in next(_of_angles(4.6 * true, true))
+
+
 def test_a_mistake_is_named_only_where_the_check_would_pass_without_it(place, tmp_path):
     def why(instrument, metric, upper):
         return scene_of(place, instrument, limited(tmp_path, {metric: {"upper": upper}}), baseline=None).causes
@@ -592,11 +598,16 @@ def test_centres_that_a_figure_leaves_out_are_stated(place, tmp_path):
     scene = scene_of(place, FAULTS["3 read as 8"], strict, baseline=None)
     assert "The largest contribution in its error budget: " in scene.causes
     found = scene.trial.evaluation
-    for times, said in ((0.0, ""), (1.5, "the error arises where")):  # simgrab's estimator's error from its inputs
+    first, still, *others = found.budget.chain
+    for times, leaves_deg, said in (  # simgrab's estimator's error from its inputs; that of a tilt that does not change
+        (0.0, 0.0, ""), (1.5, 0.0, "the error arises where"), (0.0, 50.0, "does not change leaves an RMSE of 50.00°"),
+    ):  # fmt: skip
         own = msgspec.structs.replace(found.budget.run, rmse_deg=times * found.budget.chain[-1].rmse_deg)
-        other = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own))
+        chain = (first, msgspec.structs.replace(still, rmse_deg=leaves_deg), *others)
+        other = msgspec.structs.replace(found, budget=msgspec.structs.replace(found.budget, run=own, chain=chain))
         why = " ".join(why_of(dataclasses.replace(scene.trial, evaluation=other)))
         assert said in why
+        assert ("tilt changes" in why) == (leaves_deg > 0)
         assert "largest contribution" not in why
     every = check(place, Altered(place, functools.partial(astray, every=1)), small, baseline=None)
     assert failed(every)["detection.centre.p95_px"].endswith("(IoU of at least 0.5), and none of 16 does")

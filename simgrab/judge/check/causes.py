@@ -242,7 +242,7 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
     factor = float(measured @ true) / max(float(measured @ measured), 1e-12)
     scaled, moved = _rms(factor * measured - true), _rms(measured - true - bias)
     without = "Without it the RMSE would be {:.2f}°" + f" instead of {rmse:.2f}°."
-    if factor > 0 and scaled < min(moved, rmse) / 2:
+    if factor > 0 and scaled < min(moved, rmse, 2 * true_spread) / 2:
         degrees = ", as if it were in degrees" if 0.9 < math.degrees(factor) < 1.1 else ""
         yield (
             f"Most of the error is a factor: the measured angle is {1 / factor:.2f} times the true one{degrees}. "
@@ -295,6 +295,12 @@ def _of_stages(
             yield (
                 f"From the same centres and lengths, simgrab's estimator {budget.estimator} has an RMSE of {fed:.2f}°. "
                 f"The largest contribution in its error budget: {budget.limit}.{later}"
+            )
+        elif (steady_deg := budget.chain[1].rmse_deg or 0.0) > rmse / 2:
+            tilts = [row.beta_deg for row in known.rows if row is not None]
+            yield (
+                f"The camera's tilt changes, from {min(tilts):.1f}° to {max(tilts):.1f}°. With all else true, the best "
+                f"tilt that does not change leaves an RMSE of {steady_deg:.2f}°; this pipeline has {rmse:.2f}°.{later}"
             )
     elif fed >= max(true_spread, rmse / 3):
         yield (
