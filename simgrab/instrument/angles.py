@@ -60,7 +60,9 @@ def arrays(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
     )
 
 
-def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tuple[Array, Array, Array]:
+def by_tilt(
+    record: RecordArrays, tilt: Known, calibration: Calibration, radius: Array | None = None
+) -> tuple[Array, Array, Array]:
     """Swing (n,), its intervals (n, 2) and the horizontal part (n, 2) of the direction OA under a known tilt."""
     some = record.usable(rope=tilt.offset_m is not None)
     alpha, ends, direction = np.full(len(some), np.nan), *np.full((2, len(some), 2), np.nan)
@@ -69,6 +71,7 @@ def by_tilt(record: RecordArrays, tilt: Known, calibration: Calibration) -> tupl
             tilt, record.pixels[some], calibration,
             rope_length=None if tilt.offset_m is None else record.rope_length[some],
             time=None if record.time is None else record.time[some], pixel_sd=record.pixel_sd[some],
+            radius=None if radius is None else radius[some],
         )  # fmt: skip
     return alpha, ends, direction
 

@@ -105,9 +105,16 @@ class Controller:
     def rope_at(self, time: Array) -> Array:
         """Interpolate the rope's length at times (m,); NaN in gaps, and a reading's period or more outside of all."""
         assert self.rope is not None
+        return self._at(time, self.rope)
+
+    def radius_at(self, time: Array) -> Array | None:
+        """Interpolate the radius likewise; None where it is not reported."""
+        return None if self.radius is None else self._at(time, self.radius)
+
+    def _at(self, time: Array, values: Array) -> Array:
         (first, last), period = self.time[[0, -1]], float(np.median(np.diff(self.time)))
         near = (time > first - period) & (time <= last + max(self.hold_s, period))
-        return np.interp(np.where(near, np.clip(time, first, last), time), self.time, self.rope, np.nan, np.nan)
+        return np.interp(np.where(near, np.clip(time, first, last), time), self.time, values, np.nan, np.nan)
 
     def jib_motion(self, time: float, after_s: Array) -> tuple[Array, Array]:
         """Return the jib's motion at a time, and in the seconds after it.

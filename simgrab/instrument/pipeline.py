@@ -45,6 +45,7 @@ WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and 
 AGAIN_S = 10.0  # between re-estimates of it
 KEPT_S = 1200.0  # of a live record
 IMU, PLC = "imu0", "plc"  # among sensors: in the camera's housing, and the crane's controller
+LATE_S = math.hypot(DELAY_S, DELAY_SD_S)  # a controller's clock that may be further off is worse than a late display
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
 
@@ -66,6 +67,8 @@ class MeasuredRecord:
         What made the estimate, with the readings that it used.
     doubt : str
         What the swing contradicts, as `simgrab.instrument.estimate.doubts.doubt` returns it; mostly empty.
+    pitched : bool
+        Whether the tilt followed the radius of the rope exit.
     """
 
     arrays: RecordArrays
@@ -75,6 +78,7 @@ class MeasuredRecord:
     clock: ClockOffset | None = None
     estimator: Estimator | None = None
     doubt: str = ""
+    pitched: bool = False
 
 
 @dataclass(frozen=True)
@@ -130,20 +134,19 @@ class Pipeline:
 
         That is so where the controller's clock may be further off than a display is late.
         """
-        return self.controller is not None and self.controller.clock_sd_s > math.hypot(DELAY_S, DELAY_SD_S)
+        return self.controller is not None and self.controller.clock_sd_s > LATE_S
+
+    @property
+    def reports_radius(self) -> bool:
+        """Whether a live run knows the radius of the rope exit, by which some cameras pitch."""
+        if self.feed is not None:
+            return self.feed.states_motion
+        return self.controller is not None and self.controller.radius is not None and not self.display_first
 
     @property
     def foresees(self) -> bool:
         """Whether a live run's forecasts use how the controller's slewing and luffing move the jib."""
-        if self.feed is not None:
-            return self.feed.states_motion
-        reported = self.controller
-        return (
-            reported is not None
-            and reported.slew is not None
-            and reported.radius is not None
-            and not self.display_first
-        )
+        return self.reports_radius and (self.controller is None or self.controller.slew is not None)
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record."""
@@ -258,13 +261,19 @@ class Pipeline:
                     record, nothing[:, 0], nothing[:, 1:], refused, needs_rope=estimator.needs_rope
                 )
                 return MeasuredRecord(record, measured, estimate, None, clock)
-            tilt = known(estimate, calibration.roll_deg)
-        alpha, ends, swing = angles.by_tilt(record, tilt, calibration)
+            tilt = known(estimate, calibration)
+        radius = None
+        if controller is not None and record.time is not None and controller.clock_sd_s <= LATE_S:
+            radius = controller.radius_at(record.time)
+        alpha, ends, swing = angles.by_tilt(record, tilt, calibration, radius)
         if estimate is not None and self.calibrate_s is None:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
         measures_lean = moving(estimator) and estimate is not None and self.calibrate_s is None
-        firm = ends if record.time is None or measures_lean else angles.without_lean(alpha, ends, calibration)
+        pitched = tilt.pitched(radius) is not None
+        firm = (
+            ends if record.time is None or measures_lean or pitched else angles.without_lean(alpha, ends, calibration)
+        )
         ahead_s = None
         if estimate is None or not moving(estimator):
             # Forecasts rest on the tilt of all of the record, but on no later frames.
@@ -273,7 +282,7 @@ class Pipeline:
         if estimate is not None and self.calibrate_s is None and estimate.swing is not None:
             stated = estimate.swing
         measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=stated, firm=firm)
-        return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why)
+        return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why, pitched)
 
     def _tilt(self, calibration: Calibration) -> Known | None:
         """Return the given tilt, for the camera's roll."""
@@ -312,6 +321,7 @@ class Pipeline:
             if not ((self.display_first or watch.unlike) and np.isfinite(newest.rope_length[0])):
                 newest = newest.with_lengths(controller)
             lengths.append(float(newest.rope_length[0]))
+            radius = controller.radius_at(np.array([at])) if controller is not None and self.reports_radius else None
             if at - start >= due:
                 due = at - start + AGAIN_S
                 old = _before(observations, at - KEPT_S)
@@ -322,7 +332,7 @@ class Pipeline:
                     found = whole.estimate(windy, calibration)
                     if found.ok:
                         found = with_weak_prior(found, whole, windy, calibration)
-                        tilt = known(found, calibration.roll_deg)
+                        tilt = known(found, calibration)
             alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""
             if tracker is not None:
                 alpha[0], ends[0] = tracker.step(at, observations[-1].centre, lengths[-1])
@@ -330,12 +340,13 @@ class Pipeline:
             elif tilt is None:
                 waits = f"no tilt yet: {at - start:.0f} s of {WARM_UP_S:.0f}"
             else:
-                alpha, ends, swing = angles.by_tilt(newest, tilt, calibration)
+                alpha, ends, swing = angles.by_tilt(newest, tilt, calibration, radius)
                 if before is not tilt and before is not None:
-                    by = swing - angles.by_tilt(newest, before, calibration)[2]
+                    by = swing - angles.by_tilt(newest, before, calibration, radius)[2]
                     forecaster.shift(by)
                     watch.shift(by)
-            firm = ends if tracker is not None else angles.without_lean(alpha, ends, calibration)
+            pitched = tilt is not None and tilt.pitched(radius) is not None
+            firm = ends if tracker is not None or pitched else angles.without_lean(alpha, ends, calibration)
             motion: Sequence[Array] = ()
             if controller is not None and self.foresees:
                 motion = controller.jib_motion(at, MIDDLES_S)

@@ -1,5 +1,6 @@
 """What the controller reports of slewing and luffing drives the pendulum and tilts the camera."""
 
+import tomllib
 from dataclasses import replace
 
 import msgspec
@@ -10,12 +11,15 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 import simgrab
+from simgrab.errors import CalibrationError
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.estimate import PendulumSmoother
+from simgrab.instrument.estimate.follow import Known, follow, known
 from simgrab.instrument.estimate.intervals import IntervalSettings
 from simgrab.instrument.estimate.jib import STEP_S, JibMotion
 from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
 from simgrab.instrument.estimate.pendulum_fit import _digging
+from simgrab.io.strict import convert
 from simgrab.model.scenario import Camera, LevelledMount
 from simgrab.world.trajectory.mount import Mount
 
@@ -178,3 +182,52 @@ def test_a_detector_whose_errors_last_for_seconds_needs_their_deviation():
     low, high = found.interval("posterior").alpha.T
     assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.9
     assert errors[1] < 0.1 < errors[0]
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 20.0])
+def test_later_frames_follow_from_a_tilt_and_the_pitch_by_luffing(roll_deg):
+    mount = {"model": "rigid"}
+    crane = swinging.record(fixed=False, frames=1400, seed=101, camera__mount=mount, camera__roll_deg=roll_deg)
+    camera = msgspec.structs.replace(crane.calibration, mount="rigid", roll_deg=roll_deg)
+    first, later = slice(900), slice(900, None)
+    smoother = PendulumSmoother(controller=controller(crane.time[first], crane.jib[first]))
+    given = {"rope_length": crane.rope[first], "time": crane.time[first]}
+    found = smoother.estimate(crane.pixels[first], camera, **given)
+    tilt = known(found, camera)
+    assert tilt == convert(tomllib.loads(tilt.to_toml()), Known, CalibrationError, "tilt.toml")
+    radius = crane.jib[later, 1]
+    assert np.ptp(radius) > 2
+
+    def followed(tilt, camera, radius):
+        given = {"rope_length": crane.rope[later], "time": crane.time[later], "pixel_sd": np.ones(500)}
+        alpha, ends, _ = follow(tilt, crane.pixels[later], camera, **given, radius=radius)
+        error, inside = (
+            alpha - crane.alpha[later],
+            (ends.T[0] <= crane.alpha[later]) & (crane.alpha[later] <= ends.T[1]),
+        )
+        return np.degrees(np.sqrt(np.mean(error**2))), np.mean(inside), np.degrees(np.median(np.ptp(ends, axis=1)))
+
+    error, inside, width = followed(tilt, camera, radius)
+    assert error < 0.15
+    assert inside > 0.9
+    assert width < 1
+    assert followed(tilt, camera, None)[0] > 1.0
+    gone = np.where(np.arange(500) < 250, radius, np.nan)
+    _, inside, width = followed(tilt, camera, gone)
+    assert inside > 0.9
+    # Of another stated roll, from which the pitch's direction follows too.
+    other = msgspec.structs.replace(camera, roll_deg=roll_deg - 7.0)
+    assert followed(tilt.rolled(other.roll_deg), other, radius)[0] == pytest.approx(error, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mount", "pitch", "sd"), [("fixed", 0.03, 0.001), ("levelled", 0.03, 0.001), ("", 0.03, 0.01)]
+)
+def test_a_camera_that_cannot_pitch_or_may_not_is_not_taken_to(mount, pitch, sd):
+    crane = swinging.record(frames=200)
+    found = PendulumSmoother().estimate(crane.pixels, crane.calibration, rope_length=crane.rope, time=crane.time)
+    shown = {"pitch_per_m": pitch, "pitch_sd_per_m": sd, "radius_m": 25.0}
+    found = replace(found, diagnostics=found.diagnostics | shown)
+    camera = msgspec.structs.replace(crane.calibration, mount=mount)
+    assert known(found, camera).pitched(np.full(3, 20.0)) is None
+    assert known(found, msgspec.structs.replace(camera, mount="rigid")).pitched(None) is None

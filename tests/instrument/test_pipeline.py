@@ -470,3 +470,28 @@ def test_a_rope_shorter_than_the_offset_has_no_swing():
     tilt = Known("rope-aware", 9, 1.0, 0.0, (0.0, 3.0, 0.0), tuple((0.0,) * 4 for _ in range(4)))
     alpha, *_ = follow(tilt, [[960.0, 540.0]], camera, rope_length=[2.0])  # shorter than the offset
     assert np.isnan(alpha).all()
+
+
+@pytest.mark.parametrize("clock_sd_s", [0.3, 1.0])
+def test_a_given_tilt_follows_the_radius_that_the_controller_reports(clock_sd_s):
+    """Unless its clock may be too far off, which a display shows of a whole record."""
+    crane = swinging.record(fixed=False, frames=900, seed=101, camera__mount={"model": "rigid"})
+    camera = msgspec.structs.replace(crane.calibration, mount="rigid")
+    data = Controller(crane.time, *crane.jib.T, crane.rope, 1e-3, 3e-3, clock_sd_s=clock_sd_s)
+    tilt = made(controller=dataclasses.replace(data, clock_sd_s=0.3)).conclude(crane.observations(1.0), camera).tilt
+    assert np.hypot(*tilt.pitch_deg_per_m) == pytest.approx(2.0, abs=0.2)
+    seen = crane.observations(1.0)[:700]
+    instrument = made(controller=data, tilt=tilt)
+    whole = instrument.conclude(seen, camera)
+    live = lives(seen, camera, controller=data, tilt=tilt)
+    for measured, exact in ((whole.measurements, True), ([one.measurement for one in live], clock_sd_s < 0.5)):
+        off = np.degrees(np.array([m.alpha for m in measured]) - crane.alpha[:700])
+        width = np.degrees(np.median([m.alpha_high - m.alpha_low for m in measured]))
+        if exact:
+            assert np.sqrt(np.mean(off**2)) < 0.2
+            assert width < 1.0
+        else:
+            assert width > 4.0
+    for record, leans in ((whole, False), (None, clock_sd_s > 0.5)):
+        text = assumptions(camera, record, tilt, instrument, whole.measurements, timed=True)["leans"]
+        assert bool(text) == leans

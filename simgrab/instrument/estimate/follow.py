@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,19 +15,21 @@ from numpy.typing import ArrayLike
 from simgrab.errors import CalibrationError
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.contract import alpha_ends, angles_of
-from simgrab.instrument.estimate.frames import check_record, gravity, groups
+from simgrab.instrument.estimate.frames import Frames, check_record, gravity, groups
 from simgrab.instrument.estimate.rope_aware import along_tilt, swings
 from simgrab.io.parse import read_toml
 from simgrab.io.strict import Checked, convert
 from simgrab.model.calibration import Calibration, Metres
-from simgrab.model.geometry import Array, rotation_z
+from simgrab.model.geometry import Array, lean, rotation_z
 from simgrab.model.records.estimates import Estimate
 
 Meta = msgspec.Meta
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Pitch = Annotated[float, Meta(ge=-20, le=20)]
 LEVEL = 0.95
 WEAK_PRIOR_OFFSET, WEAK_PRIOR_IF_FIXED = "weak_prior_offset_m", "weak_prior_offset_if_fixed_m"  # diagnostics
 FAR, FAR_IF_FIXED = 2.0, 3.0  # standard deviations
+CLEAR_PITCH = 4.0  # standard deviations
 LEAST_OFFSET_SD_M = 0.05  # with which a stated offset is tested: a stronger prior hides what frames show of it
 
 
@@ -49,6 +52,12 @@ class Known(Checked, frozen=True):
         ``offset_m`` with the prior that tests it; None if its own prior does.
     roll_deg : float
         The camera's roll that azimuth and offsets were estimated with.
+    radius_m : float or None
+        Radius of the rope exit at which the tilt is as stated, of a camera that pitches with the jib.
+    pitch_deg_per_m : tuple of 2 floats
+        What a metre more of radius adds to (β cos azimuth, β sin azimuth).
+    pitch_sd_deg_per_m : float
+        Its standard deviation.
     """
 
     error = CalibrationError
@@ -61,6 +70,9 @@ class Known(Checked, frozen=True):
     covariance: tuple[tuple[Entry, ...], ...]
     weak_prior_offset_m: tuple[Metres, Metres, Metres] | None = None
     roll_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
+    radius_m: Annotated[float, Meta(ge=0, le=200)] | None = None
+    pitch_deg_per_m: tuple[Pitch, Pitch] = (0.0, 0.0)
+    pitch_sd_deg_per_m: Annotated[float, Meta(ge=0, le=20)] = 0.0
 
     def check(self) -> None:  # noqa: D102
         shape = np.shape(self.covariance)
@@ -77,10 +89,17 @@ class Known(Checked, frozen=True):
         offset, weak = (
             None if one is None else _components(turn @ one) for one in (self.offset_m, self.weak_prior_offset_m)
         )
-        azimuth = (self.tilt_azimuth_deg + by) % 360
+        azimuth, pitch = (self.tilt_azimuth_deg + by) % 360, turn @ (*self.pitch_deg_per_m, 0.0)
         return msgspec.structs.replace(
-            self, roll_deg=roll_deg, tilt_azimuth_deg=azimuth, offset_m=offset, weak_prior_offset_m=weak
-        )
+            self, roll_deg=roll_deg, tilt_azimuth_deg=azimuth, offset_m=offset, weak_prior_offset_m=weak,
+            pitch_deg_per_m=(float(pitch[0]), float(pitch[1])),
+        )  # fmt: skip
+
+    def pitched(self, radius: Array | None) -> Array | None:
+        """Return what radii (n,), m, add to (β cos azimuth, β sin azimuth), rad, (n, 2); None if it is not known."""
+        if radius is None or self.radius_m is None:
+            return None
+        return np.deg2rad(np.outer(radius - self.radius_m, self.pitch_deg_per_m))
 
     def to_toml(self) -> str:
         """Return the file's text."""
@@ -88,9 +107,10 @@ class Known(Checked, frozen=True):
         return tomli_w.dumps({key: value for key, value in data.items() if value is not None})
 
 
-def known(estimate: Estimate, roll_deg: float) -> Known:
+def known(estimate: Estimate, calibration: Calibration) -> Known:
     """Keep the parts of an estimate that later frames need: tilt, offset, and their covariance, with the stated roll.
 
+    Of a camera that may be bolted to the jib, also how it pitches with the radius, if that is clear.
     The covariance is by blocks if there are enough of them, and by frames otherwise.
     """
     assert estimate.beta is not None
@@ -102,13 +122,20 @@ def known(estimate: Estimate, roll_deg: float) -> Known:
     else:  # the quantiles of frames to come are normal; those of a few blocks are not
         degrees = estimate.frames - 1 if best.blocks is None else best.blocks - 1
         covariance = best.tilt * (iv.student(best.level, degrees) / iv.student(best.level, np.inf)) ** 2
-    estimated = roll_deg + float(np.rad2deg(estimate.diagnostics.get("roll_error", 0.0)))
+    shown = estimate.diagnostics
+    estimated = calibration.roll_deg + float(np.rad2deg(shown.get("roll_error", 0.0)))
+    pitch, pitch_sd = (float(np.rad2deg(shown.get(name, 0.0))) for name in ("pitch_per_m", "pitch_sd_per_m"))
+    pitches = calibration.mount in {"", "rigid"} and abs(pitch) > CLEAR_PITCH * pitch_sd
     own = Known(
         estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(estimate.tilt_azimuth)),
         _components(estimate.offset), tuple(tuple(float(x) for x in row) for row in covariance),
-        _components(estimate.diagnostics.get(WEAK_PRIOR_OFFSET)), estimated,
+        _components(shown.get(WEAK_PRIOR_OFFSET)), estimated,
     )  # fmt: skip
-    return own.rolled(roll_deg)  # by which later frames are turned
+    if pitches:
+        own = msgspec.structs.replace(
+            own, radius_m=float(shown["radius_m"]), pitch_deg_per_m=(pitch, 0.0), pitch_sd_deg_per_m=pitch_sd
+        )
+    return own.rolled(calibration.roll_deg)  # by which later frames are turned
 
 
 def _components(offset: Array | None) -> tuple[float, float, float] | None:
@@ -136,6 +163,7 @@ def follow(
     rope_length: ArrayLike | None = None,
     time: ArrayLike | None = None,
     pixel_sd: ArrayLike | None = None,
+    radius: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     r"""Swing of each frame under a known tilt.
 
@@ -151,6 +179,8 @@ def follow(
         Seconds. Without it the frames are independent, and a camera is taken not to lean.
     pixel_sd : array_like, shape (n,), optional
         Standard deviation of each pixel coordinate, px.
+    radius : ndarray, shape (n,), optional
+        Of the rope exit, m, by which a camera pitches if the tilt states how.
 
     Returns
     -------
@@ -169,7 +199,10 @@ def follow(
     uv, rope, t, sd = check_record(np.asarray(pixels, float)[None], rope_length, time, False, pixel_sd)
     covariance = np.array(tilt.covariance)[None]
     beta, azimuth = np.array([np.deg2rad(tilt.beta_deg)]), np.array([np.deg2rad(tilt.tilt_azimuth_deg)])
-    (frames,) = groups(uv, rope, t, calibration, sd)
+    pitched = tilt.pitched(radius)
+    (frames,) = groups(uv, rope, t if pitched is None else None, calibration, sd)
+    if pitched is not None:
+        frames = _as_of(tilt, frames, pitched, np.asarray(radius))
     lever = radial = None
     if tilt.offset_m is not None:
         assert rope is not None
@@ -188,6 +221,18 @@ def follow(
     seen = np.isfinite(uv[0]).all(axis=-1)
     some = seen[:, None]
     return np.where(seen, alpha[0], np.nan), np.where(some, ends, np.nan), np.where(some, across[0].T, np.nan)
+
+
+def _as_of(tilt: Known, frames: Frames, pitched: Array, radius: Array) -> Frames:
+    """Turn rays of a record to where a camera of the stated tilt would see them, with the pitch's error as noise."""
+    assert tilt.radius_m is not None
+    azimuth = np.deg2rad(tilt.tilt_azimuth_deg)
+    leans = np.deg2rad(tilt.beta_deg) * np.array([np.cos(azimuth), np.sin(azimuth)]) + np.nan_to_num(pitched)
+    back = lean(np.deg2rad(tilt.beta_deg), azimuth).T @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
+    off = np.deg2rad(tilt.pitch_sd_deg_per_m) * (radius - tilt.radius_m)
+    noise = np.where(np.isnan(radius), iv.LEAN_BY_MOUNT["rigid"], off) ** 2
+    noise = noise + (0.0 if frames.noise is None else frames.noise)
+    return replace(frames, rays=np.einsum("nij,mjn->min", back, frames.rays), noise=noise)
 
 
 def tested_offsets(estimate: Estimate) -> tuple[Array | None, Array | None]:

@@ -43,6 +43,8 @@ class JibMotion:
         What reports the hoisted mass.
     wind_m_s : float
         Mean wind, m/s; 0 where it is not known.
+    radius_m : float
+        Mean radius; 0 where none is reported.
     """
 
     time: Array
@@ -50,6 +52,7 @@ class JibMotion:
     drifts: tuple[tuple[float, float], ...] = ()
     controller: Controller | None = None
     wind_m_s: float = 0.0
+    radius_m: float = 0.0
 
     @classmethod
     def at_rest(cls) -> JibMotion:
@@ -71,7 +74,8 @@ class JibMotion:
         out = np.stack([np.cos(slew[:, 0]), np.sin(slew[:, 0])], axis=-1)
         across = np.stack([-out[:, 1], out[:, 0]], axis=-1)
         velocity = radius[:, 1:2] * out + (reach * slew[:, 1])[:, None] * across
-        return cls(time, np.column_stack([slew[:, 0], reach - reach.mean(), velocity, np.zeros_like(velocity)]))
+        course = np.column_stack([slew[:, 0], reach - reach.mean(), velocity, np.zeros_like(velocity)])
+        return cls(time, course, radius_m=float(reach.mean()))
 
     @property
     def sensed(self) -> bool:

@@ -28,7 +28,7 @@ from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate, Intervals
 
 # Diagnostics that are in radians, or in radians squared.
-_ANGLES = ("beta_history", "lean_sd", "roll", "roll_error", "roll_sd")
+_ANGLES = ("beta_history", "lean_sd", "pitch_per_m", "pitch_sd_per_m", "roll", "roll_error", "roll_sd")
 _SQUARED_ANGLES = ("sigma2_history",)
 # An offset that looks like less tilt than this is not worth a warning.
 _LEAST_TILT = np.deg2rad(0.1)

@@ -128,10 +128,11 @@ class PendulumSmoother(Estimator):
     that lost nine tenths of their weight).
     With a controller also ``wind`` (steady lean, rad), ``longer_m``, ``clock_s`` and ``clock_sd_s`` (by which its clock
     is behind that of the pictures, and its standard deviation), of the camera ``follows`` (share of apparent gravity, 1
-    if it levels itself and 0 if not), ``levelling_hz``, ``levelling_damping`` and ``pitch_per_m`` (of luffing, rad),
-    ``not_free`` (share of the record in which the grab does not swing freely: digging), ``cost`` (minus the logarithm
-    of the likelihood), ``roll``, ``roll_sd`` and ``roll_error`` (less the stated one; rad, where that is a guess) and,
-    with a sensor, ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the ropes, displace the grab; it
+    if it levels itself and 0 if not), ``levelling_hz``, ``levelling_damping``, ``pitch_per_m`` (of luffing, rad) and
+    ``pitch_sd_per_m`` (its standard deviation), ``radius_m`` (at which the tilt is as stated), ``not_free`` (share of
+    the record in which the grab does not swing freely: digging), ``cost`` (minus the logarithm of the likelihood),
+    ``roll``, ``roll_sd`` and ``roll_error`` (less the stated one; rad, where that is a guess) and, with a sensor,
+    ``reach_m`` (0 or negative): |OA| and the reach, times the lean of the ropes, displace the grab; it
     is 0 if grab and ropes are in line, and minus the height of the rope ends above A if the grab's head stays level.
     """
 
@@ -281,7 +282,7 @@ class PendulumSmoother(Estimator):
             "rounds": found.rounds,
             "offset_if_fixed_m": solved.fixed,
             "outliers": int(np.sum(nodes.seen & (found.weight < 0.1 * (1 + 2 / DEGREES)))),
-        } | (_of_jib(found) if jib.moves else {})
+        } | (_of_jib(found, jib) if jib.moves else {})
         if solved.rolls:
             diagnostics["roll_error"] = found.parameters[ROLL]
             diagnostics["roll"] = wrap(np.deg2rad(calibration.roll_deg) + found.parameters[ROLL])
@@ -325,18 +326,20 @@ def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: 
     return np.where(np.arange(len(start)) == CLOCK, best.parameters, start)
 
 
-def _of_jib(found: PendulumFit) -> dict[str, float]:
-    p = found.parameters
+def _of_jib(found: PendulumFit, jib: JibMotion) -> dict[str, float]:
+    p, variance = found.parameters, np.diag(found.minimum.covariance)
     return {
         "wind": float(np.hypot(*p[WIND])),
         "longer_m": p[LONGER],
         "reach_m": p[REACH],
         "clock_s": -p[CLOCK],
-        "clock_sd_s": float(np.hypot(np.sqrt(found.minimum.covariance[CLOCK, CLOCK]), SAMPLED_S)),
+        "clock_sd_s": float(np.hypot(np.sqrt(variance[CLOCK]), SAMPLED_S)),
         "follows": p[FOLLOWS],
         "levelling_hz": np.exp(p[FREQUENCY]) / (2 * np.pi),
         "levelling_damping": np.exp(p[LEVELLING]),
         "pitch_per_m": p[LUFFING],
+        "pitch_sd_per_m": float(np.sqrt(variance[LUFFING])),
+        "radius_m": jib.radius_m,
         "not_free": float(np.mean(found.free < FREE)),
         "cost": found.cost,
     }

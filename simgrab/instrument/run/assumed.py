@@ -57,11 +57,15 @@ def assumptions(
         time.
     """
     used = None if record is None else record.estimator
+    live_radius = False
     if record is None and isinstance(instrument, Pipeline):  # a live run
+        live_radius = instrument.reports_radius
         used, controller = instrument.chosen(camera, live=True), instrument.controller
         used = used if controller is None else used.in_wind(controller, controller.time)
     intervals = any(m.alpha_low is not None for m in measured)
     leans = timed and intervals and used is not None and not moving(used) and camera.mount != "fixed"
+    pitched = record.pitched if record else tilt is not None and tilt.radius_m is not None and live_radius
+    leans = leans and not pitched
     width, owed = _widths(camera, record, instrument) or (None, None)
     x, y, z = camera.offset_m
     offset = f"camera offset ({x:g}, {y:g}, {z:g}) ± {camera.offset_sd_m:g} m"

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from simgrab.instrument.angles import NORMAL
 from simgrab.instrument.controller import CLOCK, in_words
 from simgrab.instrument.estimate import PaperIteration
+from simgrab.instrument.estimate.follow import CLEAR_PITCH
 from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.run.runs import Run
 from simgrab.model.geometry import Array
@@ -95,7 +97,7 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows.append(("estimator", estimate["estimator"] + refusal))
         rows += _intervals(estimate, timed=run.time is not None)
         if (roll := estimate["diagnostics"].get("roll_deg")) is not None:
-            by = f"{roll:.1f} ± {1.96 * estimate['diagnostics']['roll_sd_deg']:.1f} deg by the swing"
+            by = f"{roll:.1f} ± {NORMAL * estimate['diagnostics']['roll_sd_deg']:.1f} deg by the swing"
             rows.append(("roll", f"{by}; state it as roll_deg in the camera file"))
     elif run.about["tilt"] is not None:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
@@ -136,7 +138,11 @@ def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, s
     if not stated:
         return []
     low, high = stated.get("blocks", next(iter(stated.values())))["beta_deg"]
-    of_tilt = [("tilt, 95 %", f"{low:.2f} to {high:.2f} deg")]
+    shown = estimate["diagnostics"]
+    pitch, sd = (shown.get(f"pitch_{name}_deg", 0.0) for name in ("per_m", "sd_per_m"))
+    at = f" at a radius of {shown['radius_m']:.1f} m" if abs(pitch) > CLEAR_PITCH * sd else ""
+    of_tilt = [("tilt, 95 %", f"{low:.2f} to {high:.2f} deg{at}")]
+    of_tilt += [("pitch", f"{pitch:.2f} ± {NORMAL * sd:.2f} deg for each metre of radius")] if at else []
     if "posterior" in stated:
         return of_tilt
     return [*of_tilt, ("95 % intervals by", f"frames that are {WORKING.apart_s:g} s apart" if timed else "frames")]
