@@ -9,10 +9,10 @@ import trimesh
 from commands import run
 
 from simgrab.dataset.notices import notices
-from simgrab.errors import SuiteError
+from simgrab.errors import ScenarioError, SuiteError
 from simgrab.judge.check import suite
 from simgrab.match import data_sheets
-from simgrab.match.cli.new import GRABS, PAINTS, WEATHERS
+from simgrab.match.cli.new import GRABS, HEADS_M, PAINTS, WEATHERS
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.scenario import Hold
@@ -154,7 +154,7 @@ def test_random_places_vary_as_in_training_around_what_is_stated(grab, tmp_path)
     given = ["--grab", tmp_path / grab if grab not in GRABS else grab, "--mount", "fixed", "--paint", "blue"]
     given += ["--wind", 5]
     scene, out = new(tmp_path / "a.toml", "--place", "random", *given)
-    assert ("grab.scale: 0.001 m per unit" in out) == (grab not in GRABS)
+    assert ("assumed: --scale 0.001: metres" in out) == (grab not in GRABS)
     assert "warning: --mount: only stated in camera.toml" in out
     assert type(scene.camera.mount).__name__ == "FixedMount"
     assert scene.swing.rope_length_m.support() == (8, 22)
@@ -169,6 +169,35 @@ def test_random_places_vary_as_in_training_around_what_is_stated(grab, tmp_path)
     assert "shortened" in new(tmp_path / "c.toml", "--place", "random", *given, "--ropes", "20..40")[1]
     for clash in (["--motion", "cycles"], ["--fixed"]):
         assert run("new", tmp_path / "b.toml", "--yes", "--place", "random", *clash)[0] == 2
+
+
+def test_unit_and_axis_of_a_model_are_stated_where_its_size_shows_neither(tmp_path):
+    trimesh.creation.box(extents=(216, 238, 180)).export(tmp_path / "a.stl")
+    given = "new", tmp_path / "a.toml", "--yes", "--grab", tmp_path / "a.stl"
+    code, _, err = run(*given)
+    assert code == 2
+    assert "--scale: the grab would be 216 × 238 × 180 m" in err
+    assert "(scale = 0.01) or inches" in err
+    assert not (tmp_path / "a.toml").exists()
+    scene, out = new(tmp_path / "a.toml", "--grab", tmp_path / "a.stl", "--scale", 0.01, "--up", "y")
+    assert (scene.grab.scale, scene.grab.up) == (0.01, "y")
+    assert "taken as 2.16 × 1.80 × 2.38 m" in out
+    assert "--scale" not in out
+    for option in (("--scale", 2), ("--up", "y")):
+        code, _, err = run("new", tmp_path / "b.toml", "--yes", "--grab", "scissors", *option)
+        assert code == 2
+        assert f"{option[0]}: scissors is no file" in err
+
+
+def test_jib_heads_are_as_high_as_a_scene_admits(tmp_path):
+    scene, _ = new(tmp_path / "a.toml", "--height", HEADS_M[1], "--fixed")
+    assert scene.jib.head_height_m == HEADS_M[1]
+    for height in HEADS_M:
+        beyond = height + 0.1 * (-1) ** (height == HEADS_M[0])
+        assert run("new", tmp_path / "b.toml", "--yes", "--height", beyond)[0] == 2
+        with pytest.raises(ScenarioError):
+            scenes.load("quay-day", {"jib.head_height_m": beyond})
+        scenes.load("quay-day", {"jib.head_height_m": height})
 
 
 def test_a_working_crane_moves_within_its_ropes(tmp_path):

@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, get_args
 
 import click
 import tomli_w
@@ -41,6 +41,7 @@ NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S, DIG_S = 75, 25
 MOST_AROUND_M = 0.1  # how far each component of the offset may be off
 NEAR_ROPE_M = 0.2  # a rope that is nearer to the lens hides much of the view
+HEADS_M = 22, 60
 SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may take
 # By option: the question, and what stands for an answer.
 ASKED = {
@@ -55,9 +56,11 @@ ASKED = {
         "0,0.6,-0.3",
     ),
     "tilt": ("tilt of the camera from the vertical, degrees", "3"),
-    "height": ("height of the jib head above the quay, 22 to 60 m", "28"),
+    "height": ("height of the jib head above the quay, {} to {} m".format(*HEADS_M), "28"),
     "ropes": ("shortest and longest rope, to the grab's centre, m", "8..22"),
     "grab": (f"{', '.join(GRABS)}, or the file of a 3-D model", "four-rope"),
+    "scale": ("metres a unit of the 3-D model's file (none: by its size)", ""),
+    "up": ("axis of the 3-D model's file that points up: x, y, z, with a sign, or auto, by its format", "auto"),
     "volume": ("volume of the grab, m³", "6"),
     "paint": (f"paint of the grab: {', '.join(PAINTS)}", "orange"),
     "mount": ("levelled (hangs by gravity), rigid (pitches with the jib) or fixed", "levelled"),
@@ -98,12 +101,15 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
     text = _scene(answers, file, fixed=fixed)
     with writing(file, refuse), files.drafted(file) as draft:
         draft.write_text(text, encoding="utf-8")
-        scene = scenes.load(draft)
-        _check_ropes(scene)
-        if jaws := _jaws(scene):
-            draft.write_text(text.replace("\nclamp = true", f"\n{jaws}\nclamp = true"), encoding="utf-8")
+        try:
             scene = scenes.load(draft)
-        size = _size_of_model(scene.grab) if 'model = "mesh"' in text else []
+            _check_ropes(scene)
+            if jaws := _jaws(scene):
+                draft.write_text(text.replace("\nclamp = true", f"\n{jaws}\nclamp = true"), encoding="utf-8")
+                scene = scenes.load(draft)
+            size = _size_of_model(scene.grab) if 'model = "mesh"' in text else []
+        except ScenarioError as problem:
+            raise (_refusal("scale", problem.problem) if problem.key == "grab.scale" else problem) from None
     every = f"; [vary] draws again every {scene.clip.clip_frames} frames; a larger clip.clip_frames renders faster"
     for line in (
         *(f"warning: {line}" for line in answers.warnings),
@@ -298,6 +304,7 @@ def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float, 
 def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
     """Keys of the table of the grab, and its volume where that can vary."""
     from simgrab.judge.own_grab import likely_scale  # imports what renders
+    from simgrab.model.scenario.grab import Up
 
     def read(text: str) -> str:
         if text.lower() in GRABS:
@@ -310,6 +317,9 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
 
     grab = answers.get("grab", read)
     known = grab in GRABS
+    for name in ("scale", "up"):
+        if known and name in answers:
+            raise _refusal(name, f"{grab} is no file of a 3-D model; leave it out")
     paint = ""
     if known or "paint" in answers:
         (colour,) = answers.get("paint", _one_of(*PAINTS))
@@ -327,11 +337,12 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
     if known:
         return f'model = "{grab}"{paint}', 0.0
     finish = f'\nfinish = "paint"{paint}' if paint else ""
-    scale = likely_scale(grab)
-    if scale != 1:
-        answers.assumed.append(f"grab.scale: {scale:g} m per unit of the file, by its size")
+    usual = f"{likely_scale(grab):g}"
+    (scale,) = answers.get("scale", _numbers(1e-6, 1e6), usual)
+    (up,) = answers.get("up", _one_of(*get_args(Up)))
     path = tomli_w.dumps({"file": os.path.relpath(grab, file.parent)}).strip()
-    return f'model = "mesh"\n{path} # see: simgrab grab check\nscale = {scale:g} # m per unit of the file{finish}', 0.0
+    axes = f'scale = {scale:g} # m per unit of the file\nup = "{up}"{finish}'
+    return f'model = "mesh"\n{path} # see: simgrab grab check\n{axes}', 0.0
 
 
 def _table(keys: Mapping[str, float]) -> str:
@@ -415,7 +426,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     x, y, z = offset = answers.get("offset", _numbers(-3, 3, 3))
     around = _around(answers, offset)
     (tilt,) = answers.get("tilt", _numbers(0, 28))
-    (head,) = answers.get("height", _numbers(22, 35))
+    (head,) = answers.get("height", _numbers(*HEADS_M))
     short, long = answers.get("ropes", _numbers(6, 45, 2))
     if short >= long:
         raise _refusal("ropes", f"the second must be above the first, got {short:g} and {long:g}")
@@ -489,7 +500,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         "camera.offset_x_m": (x, around, -3, 3),
         "camera.offset_y_m": (y, around, -3, 3),
         "camera.offset_z_m": (z, around, -3, 1),
-        "jib.head_height_m": (head, 0.5, 22, 35),
+        "jib.head_height_m": (head, 0.5, *HEADS_M),
     }
     if anywhere:  # of a grab whose paint shows
         facts |= {"grab.wear": (0.25, 0.25, 0, 1), "grab.residue": (0.2, 0.2, 0, 1)}
