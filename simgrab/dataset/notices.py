@@ -30,8 +30,11 @@ def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
         lines = _of_independent(recipe) if isinstance(scenario.swing, Iid) else _of_clips(recipe)
     else:
         lines = []
-    if isinstance(scenario.grab, Mesh) and isinstance(scenario.swing, Iid) and scenario.swing.load.support()[1]:
-        lines.append("swing.load has no effect on a grab from a file, which holds no load")
+    if isinstance(scenario.grab, Mesh):
+        if isinstance(scenario.swing, Iid) and scenario.swing.load.support()[1]:
+            lines.append("swing.load has no effect on a grab from a file, which holds no load")
+        if isinstance(scenario.swing, Dynamic) and isinstance(scenario.swing.work, Cycles):
+            lines.append("a grab from a file holds no load: its mass is grab.mass_kg throughout the cycles")
     lines += _of_weather(scenario) + _of_display(scenario)
     return lines + (_of_photographs(recipe) + _of_splits(recipe) if splits else [])
 

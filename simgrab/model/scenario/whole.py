@@ -29,7 +29,7 @@ from simgrab.model.scenario.output import Clip, Display, Image, Labels, Shutter,
 from simgrab.model.scenario.sensors import MotionSensor
 from simgrab.model.scenario.surroundings import Clutter, Jib, Light, Photo, Place, Quay
 from simgrab.model.scenario.suspension import DoublePendulum, OneBody, Suspension
-from simgrab.model.scenario.swing import ROPE_LENGTH_RANGE_M, Dynamic, Iid
+from simgrab.model.scenario.swing import ROPE_LENGTH_RANGE_M, Cycles, Dynamic, Iid
 from simgrab.model.scenario.weather import Weather
 
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
@@ -99,6 +99,11 @@ class Scenario(Strict, frozen=True):
                 )
         else:
             self._check_duration(self.swing)
+            if isinstance(self.grab, Mesh) and not isinstance(self.swing.work, Cycles) and self.swing.work.load:
+                raise ScenarioError(
+                    "swing.work.load",
+                    "must be 0, as a grab from a file holds no load; its mass with cargo may be grab.mass_kg",
+                )
         _check_lens(self.camera.intrinsics)
         if self.shutter.open_s * self.clip.frame_rate_hz > 1:
             raise ScenarioError(
