@@ -49,6 +49,8 @@ def main(command: click.Command = cli) -> NoReturn:
             status = 128 + received.number
         with suppress(KeyboardInterrupt):
             _drop_unprintable()
+        if received.number is not None:
+            os._exit(status)  # threads of libraries that still compute may crash as the interpreter ends
         sys.exit(status)
 
 
