@@ -25,6 +25,7 @@ from trimesh.transformations import translation_matrix
 import simgrab
 from simgrab.cli import cli
 from simgrab.dataset.export import export
+from simgrab.dataset.notices import notices
 from simgrab.dataset.render import render
 from simgrab.errors import ScenarioError
 from simgrab.io import models
@@ -33,6 +34,7 @@ from simgrab.judge.audit.audit import audit
 from simgrab.model import scenes
 from simgrab.model.scenario import Jaw, Mesh
 from simgrab.model.scenario.grab import Clamshell, OrangePeel, Scissors
+from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.loose import loose
 
@@ -655,3 +657,13 @@ def test_render_states_size_and_which_axis_seems_to_point_up(tmp_path):
     assert done.exit_code == 0, done.output
     assert "grab.file: z seems to point up" in done.stderr
     assert "grab.file: taken as 2.40 × 2.20 × 2.00 m (x, y, z up), with grab.scale = 1\n" in done.stderr
+
+
+def test_a_grab_from_a_file_holds_no_load(files):
+    mesh = {"model": "mesh", "file": str(files["glb"])}
+    hang = {"grab": mesh, "swing": {"model": "dynamic", "work": {"model": "hang", "load": 0.5}}}
+    with pytest.raises(ScenarioError, match=r"swing.work.load: must be 0, as a grab from a file holds no load"):
+        scenes.load("quay-day", hang)
+    work = scenes.load("work-cycles", {"grab": mesh})
+    (line,) = (line for line in notices(Recipe(work)) if "load" in line)
+    assert "holds no load: its mass is grab.mass_kg" in line
