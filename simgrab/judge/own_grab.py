@@ -209,7 +209,7 @@ def _facts(keys: Mesh, model: models.ModelFile, reading: ImportedModel, made: De
         ("file", f"{model.name}, {sum(map(len, model.files.values())) / 1e6:.1f} MB, SHA-256 {model.sha256}"),
         ("refers to", ", ".join(others) or "no other file"),
         ("scale, up", f"{keys.scale:g} m a unit; {up} points up; turned by {keys.yaw_deg:g}°"),
-        ("size", f"{width:.2f} m across the jaws × {length:.2f} m along them × {height:.2f} m high"),
+        ("size", f"{width:.2f} m (x) × {length:.2f} m (y) × {height:.2f} m high"),
         ("triangles", f"{sum(piece.file_faces for piece in parts):,}"),
         ("surfaces", f"{len(surfaces)} separate ones, " + ("all closed" if closed == len(surfaces) else
                      f"of which {closed} are closed; nodes with others are drawn from both sides")),
@@ -219,9 +219,9 @@ def _facts(keys: Mesh, model: models.ModelFile, reading: ImportedModel, made: De
         ("left out", "; ".join(reading.contents.unread) or "nothing"),
         ("centre A", f"({_metres(centre)}) m from the file's origin, z up"
                      + (" (at half the height on the ropes' axis)" if keys.centre_m is None else "")),
-        ("ropes", f"{keys.ropes}, ending at "
-                  + "; ".join(f"({_metres(end)})" for end in made.terminations + centre)
-                  + " m from the file's origin" + ("" if keys.rope_ends_m else " (assumed: at the top of the middle)")),
+        ("ropes", f"{keys.ropes}, rope_ends_m = ["
+                  + ", ".join(f"[{_metres(end)}]" for end in made.terminations + centre)
+                  + "], from the file's origin" + ("" if keys.rope_ends_m else " (assumed: at the top of the middle)")),
         ("jaws", "; ".join(f"{jaw.node}: {f'{jaw.open_deg:g}°' if jaw.open_deg else f'{jaw.stroke_m:g} m'}"
                            for jaw in keys.jaws) or "none: this grab does not open"),
         ("keypoints", f"ends of ropes: {len(made.terminations)}; ends of lips: {sum(map(len, made.lips.values()))}"),
