@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from simgrab.errors import DatasetError
-from simgrab.instrument.read.crops import INPUT_PX, Crops
+from simgrab.instrument.read.crops import Crops
 from simgrab.instrument.read.reader import HIGHEST_THRESHOLD, NO_DIGIT
 from simgrab.model.rng import stream
 from simgrab.training.copies import Batch
@@ -52,11 +52,8 @@ class Digits:
 
     def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
         """Alter the chosen cells."""
-        entered = np.empty((len(chosen), 1, INPUT_PX, INPUT_PX), np.float32)
-        digits = np.empty(len(chosen), np.int64)
-        for k, i in enumerate(self._order[chosen]):
-            entered[k, 0], digits[k] = self._example(int(i), rng)
-        return {"crops": torch.from_numpy(entered), "digits": torch.from_numpy(digits)}
+        crops, digits = zip(*(self._example(int(i), rng) for i in self._order[chosen]), strict=True)
+        return {"crops": torch.from_numpy(np.stack(crops)[:, None]), "digits": torch.tensor(digits)}
 
     def _example(self, i: int, rng: np.random.Generator) -> tuple[Crops, int]:
         box, digit = self._cells.boxes[i], int(self._cells.digits[i])
