@@ -14,7 +14,6 @@ from torch import Tensor, nn
 
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.patches import COARSE_HEIGHT, COARSE_WIDTH, Patch, Picture, cut, whole
-from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache
@@ -48,8 +47,7 @@ def pictures(
     small, patches = cache.build(folder, chosen, (COARSE_HEIGHT, COARSE_WIDTH, 3), make, progress)
     boxes = np.full((len(chosen), 4), np.nan)
     for i, frame in enumerate(chosen):
-        corners = labels.box(frame.row)
-        if frame.labelled and corners is not None:
+        if (corners := frame.box) is not None:
             boxes[i] = (patches[i][0].to_shares(corners.reshape(2, 2)) * _SIZE).ravel()
     return SmallPictures(small, boxes)
 

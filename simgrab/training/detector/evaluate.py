@@ -40,10 +40,8 @@ class DetectedFrame:
     @property
     def overlap(self) -> float:
         """IoU with the labelled box; 0 where there is none of either."""
-        box = labels.box(self.frame.row)
-        if not self.frame.labelled or box is None or self.detection.box is None:
-            return 0.0
-        return float(iou(self.detection.box, box))
+        box, detected = self.frame.box, self.detection.box
+        return 0.0 if box is None or detected is None else float(iou(detected, box))
 
     @property
     def hit(self) -> bool:
@@ -172,7 +170,7 @@ def errors_over_sd(detected: Sequence[DetectedFrame]) -> dict[str, Array]:
         found, row = one.detection, one.frame.row
         if not one.hit or found.box_sd_px is None or found.centre_sd_px is None or found.centre is None:
             continue
-        ratios["box"].append((found.box - labels.box(row)) / found.box_sd_px)  # type: ignore[operator]
+        ratios["box"].append((found.box - one.frame.box) / found.box_sd_px)  # type: ignore[operator]
         ratios["centre"].append((found.centre - labels.centre(row)) / found.centre_sd_px)
         if found.yaw is not None and found.yaw_sd is not None:
             ratios["yaw"].append(np.array([labels.half_turn(found.yaw - labels.yaw(row)) / found.yaw_sd]))
