@@ -325,8 +325,8 @@ def _hf_schema() -> pa.Schema:
     objects = pa.struct([("bbox", pa.list_(pa.list_(number))), ("category", pa.list_(pa.int64()))])
     fields = [
         pa.field("image", pa.struct([("bytes", pa.binary()), ("path", pa.string())])),
-        pa.field("objects", objects, metadata={"unit": "px", "description": "boxes x, y, width, height, as COCO's"}),
-        pa.field("mask", pa.string(), metadata={"unit": "", "description": "COCO's compressed run lengths"}),
+        tables.column("objects", objects, "px", "boxes x, y, width, height, as COCO's"),
+        tables.column("mask", pa.string(), "", "COCO's compressed run lengths"),
         *tables.labels_schema(),
     ]
     about = {"info": {"features": {"image": {"_type": "Image"}}}}

@@ -188,8 +188,8 @@ def _labels(rows: list[tuple[Row, Place]], about: ShardMetadata) -> bytes:
     """Write the labels of a shard as Parquet."""
     schema = tables.labels_schema()
     for name, (kind, text) in PLACE.items():
-        schema = schema.append(pa.field(name, kind, metadata={"unit": "", "description": text}))
-    schema = schema.with_metadata({**(schema.metadata or {}), _ABOUT: msgspec.json.encode(about)})
+        schema = schema.append(tables.column(name, kind, "", text))
+    schema = schema.with_metadata({**schema.metadata, _ABOUT: msgspec.json.encode(about)})
     plain = [msgspec.structs.asdict(row) | msgspec.structs.asdict(place) for row, place in rows]
     sink = io.BytesIO()
     pq.write_table(pa.Table.from_pylist(plain, schema=schema), sink, compression="zstd")
