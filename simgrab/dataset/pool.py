@@ -13,6 +13,7 @@ from typing import Any, Protocol, TypeVar
 import cv2
 
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
+from simgrab.io.journal import Journal
 from simgrab.runtime import machine
 from simgrab.runtime.cluster import ClusterPool, open_pool
 from simgrab.runtime.processes import Executor, pickled, tick
@@ -188,8 +189,8 @@ class Output(Protocol):
         """Refuse a place that cannot be used, before anything is written; returns whether any unit remains."""
 
     @property
-    def begun(self) -> bool:
-        """Whether an earlier run has checked that the recipe is possible."""
+    def journal(self) -> Journal:
+        """Where it is kept; once begun, an earlier run has checked that the recipe is possible."""
 
     @property
     def most(self) -> int:
@@ -221,7 +222,7 @@ def fill(
     if not output.check(resume=resume):
         return 0
     with contextlib.closing(Workers(recipe, min(workers, output.most), cluster)) as processes:
-        if not output.begun:
+        if not output.journal.begun:
             if not recipe.varies:  # its plan then serves `before` too
                 processes.known = vetted(processes)
             if before:

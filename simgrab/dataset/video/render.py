@@ -91,8 +91,8 @@ class Clips:
         self.work = ClipWork(self.videos, None)
 
     @property
-    def begun(self) -> bool:  # noqa: D102
-        return self.videos.journal.begun
+    def journal(self) -> Journal:  # noqa: D102
+        return self.videos.journal
 
     @property
     def most(self) -> int:  # noqa: D102
@@ -104,14 +104,14 @@ class Clips:
 
     @contextmanager
     def opened(self) -> Iterator[list[FrameNumbers]]:  # noqa: D102
-        with self.videos.journal.opened(self.videos.identity):
+        with self.journal.opened(self.videos.identity):
             yield [self.videos.scenario.span(clip) for clip in self.remaining]
 
     def take(self, made: Fingerprint) -> None:
         """All is done where it was made."""
 
     def finish(self) -> None:  # noqa: D102
-        self.videos.journal.close()
+        self.journal.close()
 
 
 @dataclass(frozen=True)
