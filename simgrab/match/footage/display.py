@@ -40,14 +40,11 @@ class DisplayMatch:
         Empty where there is a layout.
     read : float
         Share of digits' cells that the reader was sure of.
-    clock : bool
-        Whether the clock was found; else the layout states a place beside the numbers.
     """
 
     layout: Layout | None
     reason: str
     read: float
-    clock: bool = False
 
     def mask(self, height: int, width: int) -> NDArray[np.bool_]:
         """Pixels of the display, with a margin, shape (height, width)."""
@@ -71,7 +68,7 @@ def display(footage: Footage) -> DisplayMatch:
             digits = sum(character.isdigit() for character in read)
             share = digits / max(digits + read.count("?"), 1)
             if share > best.read:
-                best = DisplayMatch(layout, "", share, _clock(lines, footage.size) is not None)
+                best = DisplayMatch(layout, "", share)
         if best.read >= LEAST_READ:
             break
     if best.read < LEAST_READ:
