@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from simgrab.match.footage.footage import Footage, slope, to_linear
+from simgrab.match.footage.footage import Footage, block_means, slope, to_linear
 from simgrab.match.footage.quantity import Quantity, unknown
 from simgrab.match.footage.still import BLOCK_PX, StillBlocks
 from simgrab.model.rng import stream
@@ -132,7 +132,7 @@ def _blocks(footage: Footage, still: StillBlocks, hidden: NDArray[np.bool_]) -> 
     h, w = rows * BLOCK_PX, columns * BLOCK_PX
 
     def mean(values: NDArray[Any]) -> Floats:
-        return np.asarray(cv2.resize(np.asarray(values, np.float64), (columns, rows), interpolation=cv2.INTER_AREA))
+        return block_means(values.astype(float), BLOCK_PX)
 
     level = cv2.GaussianBlur(footage.mean[:h, :w], (0, 0), 1.5)
     within = mean((level > DARKEST) & (level < BRIGHTEST) & ~hidden[:h, :w]) == 1
