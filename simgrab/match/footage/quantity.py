@@ -58,6 +58,11 @@ def exact(value: float, unit: str = "") -> Quantity:
     return Quantity(value, value, value, unit=unit)
 
 
+def positive(value: float, reach: float, unit: str = "") -> Quantity:
+    """Give a quantity that is not below 0, and how far its interval reaches on both sides."""
+    return Quantity(value, max(value - reach, 0.0), value + reach, unit=unit)
+
+
 def unknown(reason: str, unit: str = "") -> Quantity:
     """Give a quantity that the footage does not determine."""
     return Quantity(None, reason=reason, unit=unit)

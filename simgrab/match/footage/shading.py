@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from simgrab.match.footage.footage import Footage, block_means, to_linear
-from simgrab.match.footage.quantity import Quantity, unknown
+from simgrab.match.footage.quantity import Quantity, positive, unknown
 from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM
 
 CELL_PX = 8
@@ -78,8 +78,7 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
     if sd > MOST_SD:
         return unknown("what it shows differs too much from one direction to another", "stops")
     reach = float(stats.t.ppf(0.975, len(found) - 1)) * sd
-    value = max(value, 0.0)
-    return Quantity(value, max(value - reach, 0.0), value + reach, unit="stops")
+    return positive(max(value, 0.0), reach, "stops")
 
 
 def _pairs(

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from simgrab.match.footage.edges import away_from, part_of, resampled_sd, straight_edges
 from simgrab.match.footage.footage import Footage
-from simgrab.match.footage.quantity import Quantity, unknown
+from simgrab.match.footage.quantity import Quantity, positive, unknown
 
 Floats = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def sharpness(footage: Footage, hidden: NDArray[np.bool_]) -> Sharpness:
     value = _overshoot(middle)
     sd = resampled_sd(profiles, parts, lambda some: _overshoot(_middle(some)), "match.sharpness", DRAWS)
     reach = 1.96 * math.hypot(sd, _SD_PERCENT, _SD_SHARE * value)
-    overshoot = Quantity(value, max(value - reach, 0.0), value + reach, unit="%")
+    overshoot = positive(value, reach, "%")
     return Sharpness(overshoot) if value < LEAST_PERCENT else Sharpness(overshoot, *_fit(middle))
 
 
