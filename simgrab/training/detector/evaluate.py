@@ -108,7 +108,7 @@ def regression(detected: Sequence[DetectedFrame]) -> Calibration | None:
     detected : sequence of DetectedFrame
         By a detector that takes every presence for enough; hits and empty frames count.
     """
-    known = [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
+    known = _hits_and_false_boxes(detected)
     there = np.array([one.hit for one in known], float)
     if min(there.sum(), (1 - there).sum()) < _FEWEST:
         return None
@@ -122,6 +122,10 @@ def regression(detected: Sequence[DetectedFrame]) -> Calibration | None:
 
     slope, heat, offset = minimize(entropy, np.zeros(3), method="Nelder-Mead").x
     return Calibration(slope=float(np.exp(slope)), heat=float(np.exp(heat)), offset=float(offset))
+
+
+def _hits_and_false_boxes(detected: Sequence[DetectedFrame]) -> list[DetectedFrame]:
+    return [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
 
 
 def recalibrated(detected: Sequence[DetectedFrame], calibration: Calibration) -> list[DetectedFrame]:
@@ -141,11 +145,11 @@ def least_presence(detected: Sequence[DetectedFrame]) -> float:
     detected : sequence of DetectedFrame
         By a detector that takes every presence for enough; hits and empty frames count.
     """
-    positive = [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
-    if not positive:
+    known = _hits_and_false_boxes(detected)
+    if not known:
         return 0.5
-    logits = logit(np.clip([one.detection.score for one in positive], *_SURE))
-    there = np.array([one.hit for one in positive])
+    logits = logit(np.clip([one.detection.score for one in known], *_SURE))
+    there = np.array([one.hit for one in known])
     ends = np.sort(np.concatenate([logits, logit(_SURE)]))
     places = ends[:-1] + _UP * np.diff(ends)
     errors = np.array([(there & (logits < t)).sum() + _FALSE * (~there & (logits >= t)).sum() for t in places])
