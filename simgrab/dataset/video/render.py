@@ -96,7 +96,7 @@ class Clips:
 
     @property
     def most(self) -> int:  # noqa: D102
-        return self.videos.scenario.clip.count(self.videos.scenario.frames)
+        return self.videos.count
 
     def check(self, *, resume: bool) -> bool:  # noqa: D102
         self.remaining = self.videos.unfinished(resume=resume)
