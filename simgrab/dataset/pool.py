@@ -66,7 +66,7 @@ def automatic(recipe: Recipe, *, by_clip: bool = False, shard_frames: int | None
     frames, as for a dataset of shards.
     """
     scenario = recipe.scenario
-    frames, clips = scenario.frames, scenario.clip.count(scenario.frames)
+    frames, clips = scenario.frames, scenario.clip_count
     cores, memory = machine.cores(), machine.free_bytes() // memory_bytes(recipe)
     limits = [(cores, f"{cores} cores"), (memory, "memory")]
     if recipe.varies:
@@ -146,7 +146,7 @@ def vetted(workers: Workers, checking: Progress | None = None) -> Vetted:
         found = vet(recipe)
         refuse_unseen(scenario.frames, found.seen)
         return found if workers.alone else replace(found, plan=None)  # worlds are painted where they are drawn
-    done = report(checking, 0, scenario.clip.count(scenario.frames))
+    done = report(checking, 0, scenario.clip_count)
     alike = [tuple(some) for _, some in itertools.groupby(range(scenario.frames), recipe.slowest_draw)]
     with contextlib.closing(workers.map(_vet, alike, progress=done)) as each:
         seen, kept = 0, dict[int, Projection]()

@@ -72,7 +72,7 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     frames, periods = scenario.frames, _periods(workers.recipe)
     slowest = math.ceil(frames / periods[0])
     counts = [*_counts(periods, frames), slowest if varies else 0]  # of each kind of frame, and of checks
-    processes = min(workers.count, scenario.clip.count(frames)) if video else workers.count
+    processes = min(workers.count, scenario.clip_count) if video else workers.count
     places = list(dict.fromkeys(slowest * n // _PLACES * periods[0] for n in _ORDER))
     samples, tried, begun, seconds = list[_Sample](), 0, time.perf_counter(), math.inf
     while tried < len(places) and time.perf_counter() - begun < _SHARE * seconds:
@@ -86,7 +86,7 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     size = sizes if files else 0.0
     if video:
         size += frames / scenario.clip.frame_rate_hz * scenario.clip.bit_rate_mbit_s * 1e6 / 8
-    worlds = scenario.clip.count(frames) if varies else 1
+    worlds = scenario.clip_count if varies else 1
     made = sum(sample.kind < len(periods) for sample in samples)
     without = _total([0] * (len(periods) - 1) + [frames, 0], samples, "wall_s")
     by_worlds = varies and periods[-2] < FEW_A_WORLD and without < walls / 2

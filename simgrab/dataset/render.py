@@ -141,19 +141,15 @@ class _Folder:
 
     def __init__(self, recipe: Recipe, path: Path, videos: Clips | None, cluster: str | None, workers: int) -> None:
         self.journal, self._recipe, self._videos, self._cluster = Journal.of(path), recipe, videos, cluster
-        self._workers = min(workers, self._clip_count)
+        self._workers = min(workers, recipe.scenario.clip_count)
         self._core = manifest.identity(recipe.scenario, recipe.extensions.describe())
         self._rendered_by: Fingerprint | None = None
         self._films = False
 
     @property
     def most(self) -> int:
-        return self._clip_count if self._films or self._recipe.varies else self._recipe.scenario.frames
-
-    @property
-    def _clip_count(self) -> int:
         scenario = self._recipe.scenario
-        return scenario.clip.count(scenario.frames)
+        return scenario.clip_count if self._films or self._recipe.varies else scenario.frames
 
     def check(self, *, resume: bool) -> bool:
         remaining = self.journal.check(self._core, resume=resume)

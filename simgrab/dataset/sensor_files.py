@@ -37,7 +37,7 @@ _BODIES = {
 
 def names(scenario: Scenario) -> Iterator[str]:
     """Name the sensor files of a dataset of the scenario."""
-    for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
+    for clip in range(scenario.clip_count if scenario.sensors else 0):
         for name, sensor in scenario.sensors.items():
             data, truth = tables_of(clip, name, sensor)
             yield from (data, description_of(clip, name, sensor), truth)

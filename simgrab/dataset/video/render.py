@@ -96,7 +96,7 @@ class Clips:
 
     @property
     def most(self) -> int:  # noqa: D102
-        return self.videos.count
+        return self.videos.scenario.clip_count
 
     def check(self, *, resume: bool) -> bool:  # noqa: D102
         self.remaining = self.videos.unfinished(resume=resume)
