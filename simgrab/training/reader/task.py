@@ -72,12 +72,7 @@ class Digits:
     def validate(self, net: nn.Module) -> dict[str, float]:
         """Shares of altered cells with and without a digit read right, and the score: less the mean cross entropy."""
         device = next(net.parameters()).device
-        logits = torch.cat(
-            [
-                net(torch.from_numpy(part).to(device)).cpu()
-                for part in np.split(self.crops, range(4096, len(self.crops), 4096))
-            ]
-        )
+        logits = torch.cat([net(part.to(device)).cpu() for part in torch.split(torch.from_numpy(self.crops), 4096)])
         digits = torch.from_numpy(self.digits)
         right = (logits.argmax(1) == digits).numpy()
         shown = self.digits != NO_DIGIT
