@@ -203,6 +203,7 @@ def test_one_clip_has_no_number(tmp_path):
 def test_what_cannot_be_is_refused_before_anything_is_written(changes, name, message, tmp_path):
     (tmp_path / "a file").write_text("…")
     (tmp_path / "mine.mp4").write_text("…")
+    (tmp_path / "manifest.json").write_text('{"simgrab": "of a dataset in the same folder"}')
     before = digests(tmp_path)
     with pytest.raises((ScenarioError, DatasetError), match=message):
         render_video(scenes.load("quay-day", SMALL | changes), tmp_path / name)

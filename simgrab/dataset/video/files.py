@@ -68,9 +68,11 @@ class VideoFiles:
     @property
     def journal(self) -> Journal:
         """Owner and identity of the clips. Their manifests show which clips are finished."""
-        partial = f".{self.path.name}.partial"
-        store = Store(str(self.path.parent), drafts=partial)
-        return Journal(store, partial, f"{partial}/{IDENTITY}", kind="video", option="--video", name=str(self.path))
+        partial, whole = f".{self.path.name}.partial", self.files(0)[MANIFEST].name
+        return Journal(
+            Store(str(self.path.parent), drafts=partial), partial, f"{partial}/{IDENTITY}", whole, kind="video",
+            option="--video", name=str(self.path),
+        )  # fmt: skip
 
     @property
     def partial(self) -> Path:
