@@ -23,6 +23,7 @@ from simgrab.dataset.render import render
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
 from simgrab.dataset.video.render import render_video
+from simgrab.dataset.video.transmission import slots
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.model import scenes
 from simgrab.model.scenario import Camera, Scenario
@@ -292,7 +293,8 @@ def test_memory_does_not_grow_with_the_clip(tmp_path):
     videos = VideoFiles(scenario, identity(scenario), tmp_path / "long.mp4")
     tracemalloc.start()
     with videos.journal.opened(videos.identity):
-        encode_clip(videos, 0, take, rendered_by, tick=lambda: None, also=lambda _: False)
+        shots = ((slot, take(slot.frame)) for slot in slots(scenario, 0, videos.container.ticks_per_s))
+        encode_clip(videos, 0, shots, rendered_by)
     tracemalloc.stop()
     assert pq.read_metadata(tmp_path / "long.parquet").num_rows == 4000
     assert resident[-1] - resident[0] < 5  # what libraries hold
