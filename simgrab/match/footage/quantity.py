@@ -39,10 +39,6 @@ class Quantity:
         """Whether the footage determines it."""
         return self.value is not None
 
-    def holds(self, truth: float) -> bool:
-        """Whether the interval holds a value."""
-        return self.low <= truth <= self.high
-
     def text(self) -> str:
         """Write value and interval, or the reason."""
         if self.value is None:
