@@ -27,7 +27,7 @@ from simgrab.model import scenes
 from simgrab.model.scenario import Scenario
 from simgrab.model.scenario.factor import OneOf
 from simgrab.training import need_torch
-from simgrab.training.cli._board import follow
+from simgrab.training.cli.train import follow
 
 ROOT = Path(__file__).parents[1]
 # Folders of photographs and the scene that shows them, and of shapes and their scenes.

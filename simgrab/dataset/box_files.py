@@ -13,12 +13,12 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from simgrab.errors import DatasetError, first_line, one_line
+from simgrab.errors import DatasetError, first_line
 from simgrab.io import pictures
 from simgrab.io.files import is_visible
 from simgrab.io.parse import is_dir, is_file, read_bytes, read_text, read_yaml, shown
 from simgrab.model.geometry import Array
-from simgrab.model.masks import MOST_COCO_BYTES
+from simgrab.model.masks import MOST_COCO_BYTES, parsed
 
 YAML = "data.yaml"
 MOST_YAML_BYTES = 2**20
@@ -352,21 +352,14 @@ def _coco(root: Path, paths: list[Path]) -> BoxDataset:
     """Parse COCO files. Each has one split, if its name or its folder's name states one."""
     images, classes = dict[str, BoxedImage](), dict[str, None]()
     for path in paths:
-        known = _instances(path)
+        data = read_bytes(path, DatasetError, most_bytes=MOST_COCO_BYTES).removeprefix(codecs.BOM_UTF8)
+        known = parsed(data, _Coco, path)
         classes |= dict.fromkeys(category.name for category in known.categories)
         for image in _coco_images(root, path, known):
             if image.file in images:
                 raise DatasetError(f"{path}: {image.file} is also an image of {images[image.file].where}")
             images[image.file] = image
     return BoxDataset(root, tuple(classes), tuple(image for _, image in sorted(images.items())))
-
-
-def _instances(path: Path) -> _Coco:
-    data = read_bytes(path, DatasetError, most_bytes=MOST_COCO_BYTES).removeprefix(codecs.BOM_UTF8)
-    try:
-        return msgspec.json.decode(data, type=_Coco)
-    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as problem:
-        raise DatasetError(f"{path}: not readable COCO labels ({one_line(problem)})") from None
 
 
 def _coco_images(root: Path, path: Path, known: _Coco) -> Iterator[BoxedImage]:

@@ -164,8 +164,9 @@ def _row(layout: BoxDataset, image: BoxedImage, wanted: set[str], number: int) -
     height, width = pictures.decode(data, file).shape[:2]
     if image.size not in (None, (width, height)):
         raise DatasetError(f"{image.where}: the labels are of {image.size} px, and {file} has {(width, height)} px")
-    scale = np.array([width, height] * 2, float) if image.shares else np.ones(4)
-    boxes = {tuple(_inside(box * scale, width, height, image)) for name, box in image.boxes if name in wanted}
+    size = np.array([width, height] * 2, float)
+    scale = size if image.shares else np.ones(4)
+    boxes = {tuple(_inside(box * scale, size, image)) for name, box in image.boxes if name in wanted}
     if len(boxes) > 1:
         raise DatasetError(
             f"{image.where}: {len(boxes)} boxes of the grab in one frame, of which one alone hangs from the crane; "
@@ -182,19 +183,14 @@ def _row(layout: BoxDataset, image: BoxedImage, wanted: set[str], number: int) -
     )  # fmt: skip
 
 
-def _inside(box: Array, width: int, height: int, image: BoxedImage) -> list[float]:
+def _inside(box: Array, size: Array, image: BoxedImage) -> list[float]:
     """Clip a box to the picture, within rounding; refuse a box that is empty or lies outside."""
-    size = np.array([width, height] * 2, float)
     clipped = np.clip(box, 0, size)
+    sides, what = clipped[2:] - clipped[:2], f"{image.where}: a box ({', '.join(f'{edge:.1f}' for edge in box)})"
     if not np.isfinite(box).all() or np.abs(box - clipped).max() > ROUNDING_PX:
-        raise DatasetError(f"{image.where}: a box ({_numbers(box)}) lies outside the image of {width} x {height} px")
-    if not (clipped[2:] > clipped[:2]).all():
-        raise DatasetError(f"{image.where}: a box ({_numbers(box)}) has no area")
-    if (clipped[2:] - clipped[:2] < 1).all():
-        unit = "" if image.shares else "; is it in px?"
-        raise DatasetError(f"{image.where}: a box ({_numbers(box)}) is smaller than a pixel{unit}")
-    return [float(edge) for edge in clipped]
-
-
-def _numbers(box: Array) -> str:
-    return ", ".join(f"{edge:.1f}" for edge in box)
+        raise DatasetError(f"{what} lies outside the image of {size[0]:.0f} x {size[1]:.0f} px")
+    if not (sides > 0).all():
+        raise DatasetError(f"{what} has no area")
+    if (sides < 1).all():
+        raise DatasetError(f"{what} is smaller than a pixel{'' if image.shares else '; is it in px?'}")
+    return clipped.tolist()

@@ -83,10 +83,6 @@ class Manifest(msgspec.Struct, frozen=True):
     files: dict[str, str] = {}
     shards: ShardCounts | None = None
 
-    def data(self, labels_sha256: str, frames: int) -> DatasetIdentity:
-        """Name a dataset."""
-        return DatasetIdentity(self.scenario.name, self.digest, labels_sha256, self.seed, frames)
-
 
 @dataclass(frozen=True)
 class DatasetIdentity:
@@ -445,8 +441,8 @@ def check_box(row: Row, where: object) -> None:
 
 def of_rows(store: Store, known: Manifest, labels_sha256: str, rows: RowStore) -> Dataset:
     """Make the dataset that a manifest describes."""
-    data, least = known.data(labels_sha256, len(rows)), known.scenario.labels.least_visible_fraction
-    return Dataset(store, data, least, rows, range(len(rows)))
+    data = DatasetIdentity(known.scenario.name, known.digest, labels_sha256, known.seed, len(rows))
+    return Dataset(store, data, known.scenario.labels.least_visible_fraction, rows, range(len(rows)))
 
 
 def named(manifest: Any, where: object) -> Manifest:

@@ -10,7 +10,7 @@ import json
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Iterator
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from simgrab.io.stores import Store, is_url
 from simgrab.model.truth import Row
 
 Progress = Callable[[int, int], None]
-Add = Callable[[LabelledFrame], None]
+Frames = Iterator[LabelledFrame]
 
 MOST_SENSOR_BYTES = 2**31
 OCCLUDED = 0.1  # share of the part in the picture that is hidden, from which a grab counts as occluded
@@ -158,17 +158,19 @@ def _check_part(dataset: Dataset) -> None:
 
 
 def _write(source: ExportSource, store: Store, progress: Progress | None) -> None:
-    total = len(source.dataset)
     for name, digest in source.sensors.items():
         data = source.dataset.store.read(name, most_bytes=MOST_SENSOR_BYTES)
         if hashlib.sha256(data).hexdigest() != digest:
             raise DatasetError(f"{source.dataset.store.place}: {name} was changed since it was written")
         store.write(name, data)
-    with FORMATS[source.contents.layout](source, store) as add:
-        for done, frame in enumerate(source.dataset, 1):
-            add(frame)
-            if progress:
-                progress(done, total)
+    FORMATS[source.contents.layout](source, store, _counted(source.dataset, progress))
+
+
+def _counted(dataset: Dataset, progress: Progress | None) -> Iterator[LabelledFrame]:
+    for done, frame in enumerate(dataset, 1):
+        yield frame
+        if progress:
+            progress(done, len(dataset))
 
 
 @contextlib.contextmanager
@@ -180,35 +182,27 @@ def _tables(source: ExportSource, store: Store, kind: str = "", coco: Collection
     tables.describe(store, about, source.sensors)
 
 
-@contextlib.contextmanager
-def _pictures(source: ExportSource, store: Store, *, kind: str = "", coco: bool = False) -> Iterator[Add]:
+def _pictures(source: ExportSource, store: Store, frames: Frames, *, kind: str = "", coco: bool = False) -> None:
     """Write pictures as files, and YOLO's label files of a kind, or COCO's annotations."""
     with _tables(source, store, kind, source.dataset.splits if coco else ()) as write:
-
-        def add(frame: LabelledFrame) -> None:
+        for frame in frames:
             store.write(frame.truth.file, frame.content)
             try:
                 write(frame.truth, frame.coded_mask if coco or kind == "seg" else None)
             except ValueError as problem:  # of labels that contradict each other
                 raise DatasetError(f"{source.dataset.store.place}: frame {frame.truth.frame}: {problem}") from None
 
-        yield add
 
-
-@contextlib.contextmanager
-def _voc(source: ExportSource, store: Store) -> Iterator[Add]:
+def _voc(source: ExportSource, store: Store, frames: Frames) -> None:
     names: dict[str, list[str]] = {split: [] for split in source.dataset.splits}
     with _tables(source, store) as write:
-
-        def add(frame: LabelledFrame) -> None:
+        for frame in frames:
             row, stem = frame.truth, f"{frame.truth.frame:06d}"
             file = f"JPEGImages/{stem}.{row.file.rpartition('.')[2]}"
             store.write(file, frame.content)
             store.write(f"Annotations/{stem}.xml", _voc_annotation(row, file, labelled=frame.labelled))
             names[row.split].append(stem)
             write(msgspec.structs.replace(row, file=file), None)
-
-        yield add
         for split, stems in names.items():
             store.write(f"ImageSets/Main/{split}.txt", "".join(f"{stem}\n" for stem in stems).encode())
 
@@ -237,73 +231,42 @@ def _voc_annotation(row: Row, file: str, *, labelled: bool) -> bytes:
     return ET.tostring(root) + b"\n"
 
 
-@contextlib.contextmanager
-def _webdataset(source: ExportSource, store: Store) -> Iterator[Add]:
+def _webdataset(source: ExportSource, store: Store, frames: Frames) -> None:
     """Write each shard when its frames are complete."""
     about, done = source.contents, list[shards.Done]()
-    frames: list[LabelledFrame] = []  # whose pictures are read when they are written
-
-    def write() -> None:
-        packed = (Packed(frame.truth, frame.coded_mask, _files(frame)) for frame in frames)
+    while some := list(itertools.islice(frames, source.shard_frames)):  # whose pictures are read when they are written
+        packed = (Packed(frame.truth, frame.coded_mask, _files(frame)) for frame in some)
         done.append(shards.write(store, len(done), packed, about.scenario, about.rendered_by))
-        frames.clear()
-
-    def add(frame: LabelledFrame) -> None:
-        frames.append(frame)
-        if len(frames) == source.shard_frames:
-            write()
-
-    yield add
-    if frames:
-        write()
     shards.finish(store, about.core, source.shard_frames, done, about.scenario, about.rendered_by, source.sensors)
 
 
-@contextlib.contextmanager
-def _simgrab(source: ExportSource, store: Store) -> Iterator[Add]:
+def _simgrab(source: ExportSource, store: Store, frames: Frames) -> None:
     with tables.tables_of(store, source.contents.core, source.contents.scenario) as write:
-
-        def add(frame: LabelledFrame) -> None:
+        for frame in frames:
             for name, data in _files(frame).items():
                 store.write(name, data)
             write(frame.truth, frame.coded_mask)
-
-        yield add
     tables.finish(store, source.contents, source.sensors)
 
 
-@contextlib.contextmanager
-def _hf(source: ExportSource, store: Store) -> Iterator[Add]:
-    """Write Parquet files of pictures and labels."""
+def _hf(source: ExportSource, store: Store, frames: Frames) -> None:
+    """Write labels, and for each split Parquet files of pictures and labels."""
+    splits, schema, writers = source.dataset.splits, _hf_schema(), dict[str, LabelWriter]()
     with _tables(source, store) as write, ExitStack() as stack:
-        adds = {split: stack.enter_context(_hf_tables(source, store, split)) for split in source.dataset.splits}
-
-        def add(frame: LabelledFrame) -> None:
-            adds[frame.truth.split](frame)
-            write(frame.truth, None)
-
-        yield add
-
-
-@contextlib.contextmanager
-def _hf_tables(source: ExportSource, store: Store, split: str) -> Iterator[Add]:
-    """Write the Parquet files of one split."""
-    total = math.ceil(source.dataset.splits[split] / source.shard_frames)
-    indices = itertools.count()
-    labels: LabelWriter
-    with ExitStack() as stack:
-
-        def add(frame: LabelledFrame) -> None:
-            nonlocal labels
-            number, place = divmod(next(indices), source.shard_frames)
+        opened = {split: stack.enter_context(ExitStack()) for split in splits}
+        written = dict.fromkeys(splits, 0)
+        for frame in frames:
+            split = frame.truth.split
+            number, place = divmod(written[split], source.shard_frames)
             if place == 0:
-                stack.close()  # completes the file before
+                opened[split].close()  # completes the file before
+                total = math.ceil(splits[split] / source.shard_frames)
                 name = f"data/{HF_SPLITS[split]}-{number:05d}-of-{total:05d}.parquet"
-                file = stack.enter_context(stack.enter_context(store.writing(name)).open("wb"))
-                labels = stack.enter_context(closing(LabelWriter(file, _hf_schema(), _HF_GROUP_ROWS)))
-            labels.add(_hf_row(frame))
-
-        yield add
+                file = opened[split].enter_context(opened[split].enter_context(store.writing(name)).open("wb"))
+                writers[split] = opened[split].enter_context(closing(LabelWriter(file, schema, _HF_GROUP_ROWS)))
+            writers[split].add(_hf_row(frame))
+            written[split] += 1
+            write(frame.truth, None)
 
 
 def _hf_row(frame: LabelledFrame) -> dict[str, Any]:
@@ -325,8 +288,8 @@ def _hf_schema() -> pa.Schema:
     objects = pa.struct([("bbox", pa.list_(pa.list_(number))), ("category", pa.list_(pa.int64()))])
     fields = [
         pa.field("image", pa.struct([("bytes", pa.binary()), ("path", pa.string())])),
-        pa.field("objects", objects, metadata={"unit": "px", "description": "boxes x, y, width, height, as COCO's"}),
-        pa.field("mask", pa.string(), metadata={"unit": "", "description": "COCO's compressed run lengths"}),
+        tables.column("objects", objects, "px", "boxes x, y, width, height, as COCO's"),
+        tables.column("mask", pa.string(), "", "COCO's compressed run lengths"),
         *tables.labels_schema(),
     ]
     about = {"info": {"features": {"image": {"_type": "Image"}}}}
@@ -339,7 +302,7 @@ def _files(frame: LabelledFrame) -> dict[str, bytes]:
     return {frame.truth.file: frame.content} | {names[kind]: data for kind, data in frame.buffers.items()}
 
 
-FORMATS: dict[str, Callable[[ExportSource, Store], AbstractContextManager[Add]]] = {
+FORMATS: dict[str, Callable[[ExportSource, Store, Frames], None]] = {
     "yolo": functools.partial(_pictures, kind="box"),
     "yolo-pose": functools.partial(_pictures, kind="pose"),
     "yolo-seg": functools.partial(_pictures, kind="seg"),
@@ -350,4 +313,4 @@ FORMATS: dict[str, Callable[[ExportSource, Store], AbstractContextManager[Add]]]
     "hf": _hf,
     "simgrab": _simgrab,
 }
-"""Formats by name: each gives what takes a frame, and completes its files when the context is left."""
+"""Formats by name: each takes the frames, in order, and writes all files."""

@@ -74,7 +74,7 @@ def _of_display(scenario: Scenario) -> list[str]:
 def _of_clips(recipe: Recipe) -> list[str]:
     scenario, swing = recipe.scenario, recipe.scenario.swing
     assert isinstance(swing, Dynamic)
-    clips = scenario.clip.count(scenario.frames)
+    clips = scenario.clip_count
     wind, vibration = swing.wind, scenario.camera.mount.vibration
     random = (wind.mean_m_s * wind.intensity, swing.forcing.rms_m_s2, vibration.rms_deg)
     if clips == 1 or recipe.varies or any(random) or (isinstance(swing.work, Cycles) and swing.work.variation):
@@ -124,7 +124,7 @@ def _of_splits(recipe: Recipe) -> list[str]:
         return [
             "splits: no frame is for training, and data.yaml names those of another split there, as trainers need some"
         ]
-    clips = scenario.clip.count(scenario.frames)
+    clips = scenario.clip_count
     worlds = scenario.slowest_draw(clips - 1) + 1
     if not 1 < worlds <= FEW_WORLDS or (isinstance(scenario.swing, Iid) and not recipe.varies):
         return []

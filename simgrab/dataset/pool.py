@@ -13,6 +13,7 @@ from typing import Any, Protocol, TypeVar
 import cv2
 
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError, first_line
+from simgrab.io.journal import Journal
 from simgrab.runtime import machine
 from simgrab.runtime.cluster import ClusterPool, open_pool
 from simgrab.runtime.processes import Executor, pickled, tick
@@ -65,7 +66,7 @@ def automatic(recipe: Recipe, *, by_clip: bool = False, shard_frames: int | None
     frames, as for a dataset of shards.
     """
     scenario = recipe.scenario
-    frames, clips = scenario.frames, scenario.clip.count(scenario.frames)
+    frames, clips = scenario.frames, scenario.clip_count
     cores, memory = machine.cores(), machine.free_bytes() // memory_bytes(recipe)
     limits = [(cores, f"{cores} cores"), (memory, "memory")]
     if recipe.varies:
@@ -145,7 +146,7 @@ def vetted(workers: Workers, checking: Progress | None = None) -> Vetted:
         found = vet(recipe)
         refuse_unseen(scenario.frames, found.seen)
         return found if workers.alone else replace(found, plan=None)  # worlds are painted where they are drawn
-    done = report(checking, 0, scenario.clip.count(scenario.frames))
+    done = report(checking, 0, scenario.clip_count)
     alike = [tuple(some) for _, some in itertools.groupby(range(scenario.frames), recipe.slowest_draw)]
     with contextlib.closing(workers.map(_vet, alike, progress=done)) as each:
         seen, kept = 0, dict[int, Projection]()
@@ -188,8 +189,8 @@ class Output(Protocol):
         """Refuse a place that cannot be used, before anything is written; returns whether any unit remains."""
 
     @property
-    def begun(self) -> bool:
-        """Whether an earlier run has checked that the recipe is possible."""
+    def journal(self) -> Journal:
+        """Where it is kept; once begun, an earlier run has checked that the recipe is possible."""
 
     @property
     def most(self) -> int:
@@ -221,7 +222,7 @@ def fill(
     if not output.check(resume=resume):
         return 0
     with contextlib.closing(Workers(recipe, min(workers, output.most), cluster)) as processes:
-        if not output.begun:
+        if not output.journal.begun:
             if not recipe.varies:  # its plan then serves `before` too
                 processes.known = vetted(processes)
             if before:

@@ -41,9 +41,8 @@ def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
     scale = TILE_WIDTH / row.width_px
     tile = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     _draw_geometry(tile, row, scale)
-    if row.box_x0_px is not None:
-        corners = [(row.box_x0_px, row.box_y0_px), (row.box_x1_px, row.box_y1_px)]
-        cv2.rectangle(tile, at(corners[0], scale), at(corners[1], scale), BOX, 2, cv2.LINE_AA)  # type: ignore[arg-type]
+    if (box := arrays.box(row)) is not None:
+        cv2.rectangle(tile, at(box[:2], scale), at(box[2:], scale), BOX, 2, cv2.LINE_AA)
     for name, (u, v, seen) in zip(KEYPOINT_NAMES, np.reshape(row.keypoints, (-1, 3)), strict=True):
         if seen and name != "grab_centre":
             cv2.circle(tile, at((u, v), scale), 2, POINT if seen == 2 else HIDDEN_POINT, -1, cv2.LINE_AA)

@@ -9,14 +9,14 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import NamedTuple
 
 import msgspec
+import numpy as np
 from rich.filesize import decimal
 
 from simgrab.dataset import stored
 from simgrab.dataset.pool import FrameNumbers, Tick, Workers, vet
+from simgrab.model.geometry import Array
 from simgrab.runtime import machine
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
@@ -72,7 +72,7 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     frames, periods = scenario.frames, _periods(workers.recipe)
     slowest = math.ceil(frames / periods[0])
     counts = [*_counts(periods, frames), slowest if varies else 0]  # of each kind of frame, and of checks
-    processes = min(workers.count, scenario.clip.count(frames)) if video else workers.count
+    processes = min(workers.count, scenario.clip_count) if video else workers.count
     places = list(dict.fromkeys(slowest * n // _PLACES * periods[0] for n in _ORDER))
     samples, tried, begun, seconds = list[_Sample](), 0, time.perf_counter(), math.inf
     while tried < len(places) and time.perf_counter() - begun < _SHARE * seconds:
@@ -81,25 +81,21 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
         with contextlib.closing(workers.map(work, units, progress=lambda _: None)) as each:
             samples += itertools.chain.from_iterable(each)
         tried += len(units)
-        walls, cores, sizes = (_total(counts, samples, of) for of in ("wall_s", "core_s", "size"))
+        means = _means(samples, len(counts))
+        walls, cores, sizes = (counts @ means).tolist()
         seconds = max(walls / processes, cores / machine.cores())
     size = sizes if files else 0.0
     if video:
         size += frames / scenario.clip.frame_rate_hz * scenario.clip.bit_rate_mbit_s * 1e6 / 8
-    worlds = scenario.clip.count(frames) if varies else 1
-    made = sum(sample.kind < len(periods) for sample in samples)
-    without = _total([0] * (len(periods) - 1) + [frames, 0], samples, "wall_s")
+    worlds = scenario.clip_count if varies else 1
+    made = sum(kind < len(periods) for kind, *_ in samples)
+    without = frames * float(means[len(periods) - 1, 0])  # of frames that begin nothing
     by_worlds = varies and periods[-2] < FEW_A_WORLD and without < walls / 2
     return Price(frames, worlds, seconds, round(size), made, by_worlds)
 
 
-class _Sample(NamedTuple):
-    """What making one frame takes, or checking all of one place, a kind of its own after those of frames."""
-
-    kind: int
-    wall_s: float
-    core_s: float
-    size: int
+_Sample = tuple[int, float, float, int]
+"""What making a frame takes, or checking all of one place: its kind, wall and core time, s, and size, bytes."""
 
 
 def _sampled(
@@ -116,13 +112,15 @@ def _sampled(
         else:
             made = stored.make(generator, frame)
             size = sum(map(len, made.files.values())) + len(msgspec.json.encode(made.record))
-        samples.append(_Sample(kind, time.perf_counter() - wall, time.process_time() - core, size))
+        samples.append((kind, time.perf_counter() - wall, time.process_time() - core, size))
     return samples
 
 
-def _total(counts: list[int], samples: list[_Sample], of: str) -> float:
-    each = [[getattr(sample, of) for sample in samples if sample.kind == kind] for kind in range(len(counts))]
-    return sum(count * sum(some) / len(some) for count, some in zip(counts, each, strict=True) if some)
+def _means(samples: list[_Sample], kinds: int) -> Array:
+    """Mean wall time, core time and size of each kind, shape (kinds, 3); 0 of a kind without samples."""
+    made = np.array(samples, float)
+    each = (made[made[:, 0] == kind, 1:] for kind in range(kinds))
+    return np.array([some.mean(axis=0) if len(some) else np.zeros(3) for some in each])
 
 
 def _periods(recipe: Recipe) -> list[int]:
@@ -135,8 +133,7 @@ def _periods(recipe: Recipe) -> list[int]:
 
 def _counts(periods: list[int], frames: int) -> list[int]:
     """Frames that begin each period and no longer one."""
-    begun = [0, *(math.ceil(frames / period) for period in periods)]
-    return [more - fewer for fewer, more in pairwise(begun)]
+    return np.diff([0, *(math.ceil(frames / period) for period in periods)]).tolist()
 
 
 def _samples(periods: list[int], first: int, frames: int) -> list[tuple[int, int]]:

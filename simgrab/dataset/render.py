@@ -141,23 +141,15 @@ class _Folder:
 
     def __init__(self, recipe: Recipe, path: Path, videos: Clips | None, cluster: str | None, workers: int) -> None:
         self.journal, self._recipe, self._videos, self._cluster = Journal.of(path), recipe, videos, cluster
-        self._workers = min(workers, self._clip_count)
+        self._workers = min(workers, recipe.scenario.clip_count)
         self._core = manifest.identity(recipe.scenario, recipe.extensions.describe())
         self._rendered_by: Fingerprint | None = None
         self._films = False
 
     @property
-    def begun(self) -> bool:
-        return self.journal.begun
-
-    @property
     def most(self) -> int:
-        return self._clip_count if self._films or self._recipe.varies else self._recipe.scenario.frames
-
-    @property
-    def _clip_count(self) -> int:
         scenario = self._recipe.scenario
-        return scenario.clip.count(scenario.frames)
+        return scenario.clip_count if self._films or self._recipe.varies else scenario.frames
 
     def check(self, *, resume: bool) -> bool:
         remaining = self.journal.check(self._core, resume=resume)
@@ -266,14 +258,10 @@ class _Shards:
         self._core = manifest.identity(scenario, recipe.extensions.describe())
         self._frames = shards.frames_of(scenario, shard_frames, varies=recipe.varies)
         self._spans = shards.spans(scenario, self._frames)
-        self._journal = Journal(Store(url), partial="", claim=shards.UNFINISHED, whole=MANIFEST)
+        self.journal = Journal(Store(url), partial="", claim=shards.UNFINISHED, whole=MANIFEST)
         self._done: dict[int, Done] = {}
         self._rendered_by: Fingerprint | None = None
-        self.work = functools.partial(_shard, self._journal, self._frames)
-
-    @property
-    def begun(self) -> bool:
-        return self._journal.begun
+        self.work = functools.partial(_shard, self.journal, self._frames)
 
     @property
     def most(self) -> int:
@@ -284,30 +272,30 @@ class _Shards:
         return self._core | {"shard_frames": self._frames}
 
     def check(self, *, resume: bool) -> bool:
-        remaining = self._journal.check(self._identity, resume=resume)
-        for one in shards.complete(self._journal.store, self._recipe.scenario, len(self._spans)):
+        remaining = self.journal.check(self._identity, resume=resume)
+        for one in shards.complete(self.journal.store, self._recipe.scenario, len(self._spans)):
             self.take(one)
         return remaining or len(self._done) < len(self._spans)
 
     @contextmanager
     def opened(self) -> Iterator[list[FrameNumbers]]:
-        with self._journal.opened(self._identity):
-            if self._journal.store.exists(MANIFEST):  # of a finished dataset that lost shards
-                self._journal.store.remove(MANIFEST)
+        with self.journal.opened(self._identity):
+            if self.journal.store.exists(MANIFEST):  # of a finished dataset that lost shards
+                self.journal.store.remove(MANIFEST)
             yield [frames for number, frames in enumerate(self._spans) if number not in self._done]
 
     def take(self, made: Done) -> None:
-        where = f"{self._journal.store.place}, {table(made.number)}"
+        where = f"{self.journal.store.place}, {table(made.number)}"
         self._rendered_by = manifest.same_renderer(made.rendered_by, self._rendered_by, where)
         self._done[made.number] = made
 
     def finish(self) -> None:
         """Write the files that depend on all shards; the manifest comes last."""
-        scenario, store = self._recipe.scenario, self._journal.store
+        scenario, store = self._recipe.scenario, self.journal.store
         assert self._rendered_by is not None
-        shards.check_claimed(self._journal, scenario)
+        shards.check_claimed(self.journal, scenario)
         others = sensors.write(self._recipe, store.writing)
-        shards.check_claimed(self._journal, scenario)
+        shards.check_claimed(self.journal, scenario)
         there = store.sizes("labels")
         for number in range(len(self._spans)):
             if table(number) not in there:
@@ -315,12 +303,12 @@ class _Shards:
         digests = {name: store.sha256(name) for name in others}
         known = [self._done[number] for number in range(len(self._spans))]
         shards.finish(store, self._core, self._frames, known, scenario, self._rendered_by, digests)
-        self._journal.close()
+        self.journal.close()
 
     def summary(self, made: int) -> Summary:
         assert self._rendered_by is not None
         tally = functools.reduce(Tally.__add__, (self._done[number].tally for number in sorted(self._done)))
-        place = self._journal.store.place
+        place = self.journal.store.place
         return Summary.of(place, tally, self._recipe.scenario, made, self._rendered_by.digest)
 
 

@@ -37,7 +37,7 @@ _BODIES = {
 
 def names(scenario: Scenario) -> Iterator[str]:
     """Name the sensor files of a dataset of the scenario."""
-    for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
+    for clip in range(scenario.clip_count if scenario.sensors else 0):
         for name, sensor in scenario.sensors.items():
             data, truth = tables_of(clip, name, sensor)
             yield from (data, description_of(clip, name, sensor), truth)
@@ -81,26 +81,20 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None, grab_kg: floa
     if not isinstance(sensor, Controller):
         return "".join(f"{line}\n" for line in _yaml(sensor, body_from_sensor))
     shared = {"rate_hz": sensor.rate_hz, "lag_s": sensor.lag_s, "jitter_s": sensor.jitter_s}
-    counts: dict[str, tuple[str, str, float, dict[str, object]]] = {
-        "slew": ("slew [deg]", "deg", sensor.slew_resolution_deg, {"setpoint": "slew_setpoint [deg/s]"}),
-        "radius": (
-            "radius [m]",
-            "m",
-            sensor.radius_resolution_m,
-            {"constant_m": 0.0, "setpoint": "radius_setpoint [m/s]"},
+
+    def column(name: str, unit: str, count: float, **more: object) -> dict[str, object]:
+        return {"column": f"{name} [{unit}]", "unit": unit, "resolution": max(count, LEAST_COUNT)} | shared | more
+
+    return tomli_w.dumps({
+        "time": {"column": STAMP, "unit": "ns", "clock_sd_s": sensor.clock_offset_ms / 1000},
+        "slew": column("slew", "deg", sensor.slew_resolution_deg, setpoint="slew_setpoint [deg/s]"),
+        "radius": column(
+            "radius", "m", sensor.radius_resolution_m, constant_m=0.0, setpoint="radius_setpoint [m/s]"
         ),
-        "rope": ("rope_length [m]", "m", sensor.rope_resolution_m, {"constant_m": 0.0}),
-        "wind": ("wind [m/s]", "m/s", sensor.wind_resolution_m_s, {}),
-        "load": ("load [t]", "t", sensor.load_resolution_t, {"grab_t": round(grab_kg / 1000, 2)}),
-    }
-    clock = {"column": STAMP, "unit": "ns", "clock_sd_s": sensor.clock_offset_ms / 1000}
-    return tomli_w.dumps(
-        {"time": clock}
-        | {
-            name: {"column": column, "unit": unit, "resolution": max(count, LEAST_COUNT)} | shared | more
-            for name, (column, unit, count, more) in counts.items()
-        }
-    )
+        "rope": column("rope_length", "m", sensor.rope_resolution_m, constant_m=0.0),
+        "wind": column("wind", "m/s", sensor.wind_resolution_m_s),
+        "load": column("load", "t", sensor.load_resolution_t, grab_t=round(grab_kg / 1000, 2)),
+    })  # fmt: skip
 
 
 def _yaml(sensor: MotionSensor, body_from_sensor: Array | None) -> Iterator[str]:

@@ -47,7 +47,7 @@ def write(recipe: Recipe, writing: Writing, recorded: Callable[[], None] = lambd
     ``recorded`` is called whenever some seconds of a sensor are recorded.
     """
     scenario = recipe.scenario
-    for clip in range(scenario.clip.count(scenario.frames) if scenario.sensors else 0):
+    for clip in range(scenario.clip_count if scenario.sensors else 0):
         _write_clip(recipe, clip, writing, recorded)
     return list(sensor_files.names(scenario))
 

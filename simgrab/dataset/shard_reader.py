@@ -107,12 +107,10 @@ class _Group:
         self._store, self.places, self._read = store, dict[int, Place](), dict[int, bytes]()
 
     def takes(self, place: Place) -> bool:
-        """Whether a picture follows the others closely enough to be read with them."""
-        if not self.places:
-            return True
-        first, last = (self.places[frame] for frame in (next(iter(self.places)), next(reversed(self.places))))
+        """Whether a picture of the archive follows the others closely enough to be read with them."""
+        first, last = next(iter(self.places.values())), next(reversed(self.places.values()))
         near = 0 <= place.offset - (last.offset + last.size) <= MOST_GAP_BYTES
-        return place.shard == first.shard and near and place.offset + place.size - first.offset <= READ_AHEAD_BYTES
+        return near and place.offset + place.size - first.offset <= READ_AHEAD_BYTES
 
     def take(self, frame: int) -> bytes | None:
         """Return a picture's bytes once, then None."""

@@ -118,21 +118,23 @@ def write(store: Store, number: int, frames: Iterable[Packed], scenario: Scenari
     """Write a shard: its archives, then its labels."""
     rows = list[tuple[Row, Place]]()
     archives: dict[str, tuple[int, str]] = {}
+    opened: dict[str, tuple[Path, tarfile.TarFile]] = {}
     with contextlib.ExitStack() as stack:
-        writers: dict[str, _Archive] = {}
         for row, mask, files in frames:
             name = archive(row.split, number)
-            if name not in writers:
-                writers[name] = _Archive(stack.enter_context(store.writing(name)))
-                stack.callback(writers[name].abandon)
+            if name not in opened:
+                path = stack.enter_context(store.writing(name))
+                opened[name] = path, stack.enter_context(tarfile.open(path, "w", format=tarfile.USTAR_FORMAT))
+            _, tar = opened[name]
             about = {"truth": row, "labelled": mask is not None, "mask": mask}
-            writers[name].add(f"{row.frame:06d}.json", msgspec.json.encode(about))
+            _add(tar, f"{row.frame:06d}.json", msgspec.json.encode(about))
             for file, data in files.items():
-                spot = writers[name].add(_member(file), data)
+                spot = _add(tar, _member(file), data)
                 if file == row.file:
                     rows.append((row, Place(name, *spot, mask.counts if mask else None)))
-        for name, writer in writers.items():
-            archives[name] = writer.close()
+        for name, (path, tar) in opened.items():
+            tar.close()  # completes it
+            archives[name] = path.stat().st_size, sha256(path)
     labels = _labels(rows, ShardMetadata(scenario.digest(), rendered_by, dict(sorted(archives.items()))))
     store.write(shards.table(number), labels)
     tally = Tally.of((row for row, _ in rows), scenario)
@@ -166,29 +168,13 @@ def finish(
     tables.describe(store, contents, digests)
 
 
-class _Archive:
-    """A tar archive of files without owner and time, so that the same files give the same bytes."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._tar = tarfile.open(path, "w", format=tarfile.USTAR_FORMAT)  # noqa: SIM115
-
-    def add(self, name: str, data: bytes) -> tuple[int, int]:
-        """Add a file; returns the position of its first byte in the archive, and its size."""
-        member = tarfile.TarInfo(name)
-        member.size = len(data)
-        start: int = self._tar.offset + tarfile.BLOCKSIZE  # after its header
-        self._tar.addfile(member, io.BytesIO(data))
-        return start, len(data)
-
-    def abandon(self) -> None:
-        """Close the file, complete or not."""
-        self._tar.close()
-
-    def close(self) -> tuple[int, str]:
-        """Complete the archive; returns its size in bytes and its SHA-256."""
-        self._tar.close()
-        return self._path.stat().st_size, sha256(self._path)
+def _add(archive: tarfile.TarFile, name: str, data: bytes) -> tuple[int, int]:
+    """Add a file without owner and time; returns the position of its first byte in the archive, and its size."""
+    member = tarfile.TarInfo(name)
+    member.size = len(data)
+    start: int = archive.offset + tarfile.BLOCKSIZE  # after its header
+    archive.addfile(member, io.BytesIO(data))
+    return start, len(data)
 
 
 def _member(file: str) -> str:
@@ -202,8 +188,8 @@ def _labels(rows: list[tuple[Row, Place]], about: ShardMetadata) -> bytes:
     """Write the labels of a shard as Parquet."""
     schema = tables.labels_schema()
     for name, (kind, text) in PLACE.items():
-        schema = schema.append(pa.field(name, kind, metadata={"unit": "", "description": text}))
-    schema = schema.with_metadata({**(schema.metadata or {}), _ABOUT: msgspec.json.encode(about)})
+        schema = schema.append(tables.column(name, kind, "", text))
+    schema = schema.with_metadata({**schema.metadata, _ABOUT: msgspec.json.encode(about)})
     plain = [msgspec.structs.asdict(row) | msgspec.structs.asdict(place) for row, place in rows]
     sink = io.BytesIO()
     pq.write_table(pa.Table.from_pylist(plain, schema=schema), sink, compression="zstd")

@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, ExitStack, closing, contextmanage
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -32,29 +32,25 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.masks import Coded, coco_name
 from simgrab.model.records.frame_files import LABELS
 from simgrab.model.scenario import Scenario
-from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row, Truth, columns
+from simgrab.model.truth import KEYPOINT_NAMES, SPLITS, Row, columns
 from simgrab.runtime.versions import Fingerprint
 
 _GROUP_ROWS = 1024  # of a Parquet table, in memory at once
 _SPOOLED = 2**20  # bytes of annotations in memory
-_ARROW = {
-    pa.bool_(): ("bool",),
-    pa.int64(): ("Index", "Side"),
-    pa.float64(): ("Finite", "Length", "Angle"),
-    pa.string(): ("str", "Split"),
-    pa.list_(pa.float64()): ("Vector", "Corners", "Pose", "Points"),
-}
+_NUMBERS = {bool: pa.bool_(), int: pa.int64(), float: pa.float64()}
+_ARROW = _NUMBERS | {str: pa.string(), tuple: pa.list_(pa.float64())}
+
+
+def column(name: str, kind: pa.DataType, unit: str, text: str) -> pa.Field:
+    """Arrow field of a column, whose metadata holds its unit and description."""
+    return pa.field(name, kind, metadata={"unit": unit, "description": text})
 
 
 def labels_schema() -> pa.Schema:
-    """Arrow schema of ``labels.parquet``; each column's metadata holds its unit and description."""
-    return pa.schema(
-        [
-            pa.field(name, _arrow_type(_kinds()[name]), metadata={"unit": unit, "description": text})
-            for name, (unit, text) in columns().items()
-        ],
-        metadata={"keypoint_names": json.dumps(KEYPOINT_NAMES)},
-    )
+    """Arrow schema of ``labels.parquet``."""
+    kinds = _kinds()
+    fields = [column(name, _ARROW[kinds[name][0]], unit, text) for name, (unit, text) in columns().items()]
+    return pa.schema(fields, metadata={"keypoint_names": json.dumps(KEYPOINT_NAMES)})
 
 
 def table_of(rows: Iterable[Row | None]) -> pa.Table:
@@ -65,17 +61,17 @@ def table_of(rows: Iterable[Row | None]) -> pa.Table:
 
 def with_identity(schema: pa.Schema, identity: dict[str, Any]) -> pa.Schema:
     """Keep a dataset's identity in its schema, under the key ``simgrab``."""
-    return schema.with_metadata({**(schema.metadata or {}), "simgrab": json.dumps(identity, sort_keys=True)})
+    return schema.with_metadata({**schema.metadata, "simgrab": json.dumps(identity, sort_keys=True)})
 
 
-def _kinds() -> dict[str, str]:
-    """Type annotation of each written column."""
-    return {name: str(kind) for name, kind in (Truth.__annotations__ | Row.__annotations__).items()}
-
-
-def _arrow_type(annotation: str) -> pa.DataType:
-    inner = annotation.removeprefix("Annotated[").lstrip()
-    return next(kind for kind, words in _ARROW.items() if inner.startswith(words))
+@cache
+def _kinds() -> dict[str, tuple[type, bool]]:
+    """Type of each column of labels, a key of `_ARROW`, and whether values may be missing."""
+    hints = {name: (hint, *get_args(hint)) for name, hint in get_type_hints(Row).items()}
+    return {
+        name: (next(kind for one in known if (kind := get_origin(one) or one) in _ARROW), type(None) in known)
+        for name, known in hints.items()
+    }
 
 
 def is_labelled(row: Row, scenario: Scenario) -> bool:
@@ -119,8 +115,8 @@ def metadata_name(split: str) -> str:
 @cache
 def _numbers() -> dict[str, bool]:
     """Columns of one number or truth value each, with whether it may be missing."""
-    numbers = (pa.bool_(), pa.int64(), pa.float64())
-    return {f.name: "None" in _kinds()[f.name] for f in labels_schema() if f.type in numbers}
+    kinds = _kinds()
+    return {name: kinds[name][1] for name in columns() if kinds[name][0] in _NUMBERS}
 
 
 def annotation(row: Row, mask: Coded) -> dict[str, Any]:

@@ -69,11 +69,11 @@ class Matched:
     def save(self, folder: Path) -> None:
         """Write scenes, camera file and page into a folder."""
         folder.mkdir(parents=True, exist_ok=True)
-        write(folder / CAMERA, camera_of(self.theirs).encode())
-        write(folder / SCENE, self.scene.encode())
-        write(folder / TRAINING, self.training.encode())
+        write(folder / CAMERA, camera_of(self.theirs))
+        write(folder / SCENE, self.scene)
+        write(folder / TRAINING, self.training)
         if self.ours is not None:
-            write(folder / PAGE, page(self).encode())
+            write(folder / PAGE, page(self))
 
 
 def match(
@@ -357,29 +357,27 @@ def page(matched: Matched) -> str:
 
 
 def _figures(theirs: Appearance, ours: Appearance) -> list[tuple[str, Figure]]:
-    both = (("theirs", theirs, "tab:blue"), ("ours", ours, "tab:orange"))
-    histogram, spectrum, curve = (Figure((5, 3)) for _ in range(3))
-    axes = [figure.add_subplot() for figure in (histogram, spectrum, curve)]
-    for name, one, colour in both:
-        counts = np.bincount(one.footage.luma[0].ravel(), minlength=256) / one.footage.luma[0].size
-        axes[0].step(np.arange(256), counts, label=name, color=colour, where="mid")
-        frequency, power = _spectrum(one.footage.luma[0])
-        axes[1].loglog(frequency, power, label=name, color=colour)
+    labels = {
+        "Histogram of one frame": ("luma, levels", "share of the pixels"),
+        "Spectrum of one frame": ("frequency, cycles a pixel", "power, levels²"),
+        "Noise": ("luma, levels", "noise, standard deviation, levels"),
+    }
+    figures = {title: Figure((5, 3)) for title in labels}
+    histogram, spectrum, curve = (figures[title].add_subplot(xlabel=x, ylabel=y) for title, (x, y) in labels.items())
+    for name, one, colour in (("theirs", theirs, "tab:blue"), ("ours", ours, "tab:orange")):
+        luma = one.footage.luma[0]
+        counts = np.bincount(luma.ravel(), minlength=256) / luma.size
+        histogram.step(np.arange(256), counts, label=name, color=colour, where="mid")
+        spectrum.loglog(*_spectrum(luma), label=name, color=colour)
         if one.noise.curve is not None:
             level, variance = one.noise.curve
-            axes[2].plot(level, np.sqrt(variance), "o-", label=name, color=colour)
-    labels = (
-        ("luma, levels", "share of the pixels"), ("frequency, cycles a pixel", "power, levels²"),
-        ("luma, levels", "noise, standard deviation, levels"),
-    )  # fmt: skip
-    for each, (x, y) in zip(axes, labels, strict=True):
-        each.set_xlabel(x)
-        each.set_ylabel(y)
-        if each.get_legend_handles_labels()[0]:
-            each.legend()
-    for figure in (histogram, spectrum, curve):
+            curve.plot(level, np.sqrt(variance), "o-", label=name, color=colour)
+    for axes in (histogram, spectrum, curve):
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend()
+    for figure in figures.values():
         figure.tight_layout()
-    return [("Histogram of one frame", histogram), ("Spectrum of one frame", spectrum), ("Noise", curve)]
+    return list(figures.items())
 
 
 def _spectrum(luma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -100,7 +100,7 @@ class Masks:
         with opened(file, _refusal(file), most_bytes=MOST_COCO_BYTES) as handle:
             handle.seek(start)
             data = handle.read(end - start)
-        return _parsed(data, Coded, file)
+        return parsed(data, Coded, file)
 
 
 def coco_name(split: str) -> str:
@@ -111,15 +111,16 @@ def coco_name(split: str) -> str:
 def _spans(file: Path) -> _Spans:
     data = read_bytes(file, _refusal(file), most_bytes=MOST_COCO_BYTES)
     found, at = _Spans(), 0
-    for annotation in _parsed(data.removeprefix(codecs.BOM_UTF8), _Coco, file).annotations:
-        _parsed(annotation.segmentation, Coded, file)
+    for annotation in parsed(data.removeprefix(codecs.BOM_UTF8), _Coco, file).annotations:
+        parsed(annotation.segmentation, Coded, file)
         start = data.index(annotation.segmentation, at)  # or of the same text before it
         at = start + len(memoryview(annotation.segmentation))
         found[annotation.image_id] = start, at
     return found
 
 
-def _parsed(data: bytes | msgspec.Raw, kind: type[T], file: Path) -> T:
+def parsed(data: bytes | msgspec.Raw, kind: type[T], file: Path) -> T:
+    """Parse COCO labels, or a part of them, as a type; raises `DatasetError` if they cannot be read."""
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as problem:

@@ -6,7 +6,8 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -66,20 +67,19 @@ class Card:
     started_from: str = ""
     real: Mapping[str, Any] = field(default_factory=dict)
 
-    def to_dict(self, model: bytes) -> dict[str, Any]:
-        """Plain data, with the digest of the model's bytes, the versions and the machine."""
-        return asdict(self) | {
-            "model_sha256": hashlib.sha256(model).hexdigest(),
-            "model_bytes": len(model),
+    def save(self, model: Path) -> Path:
+        """Write the card beside a model: ``pose.onnx`` gets ``pose.json`` and ``pose.md``. Returns the JSON's path.
+
+        It states the digest of the model's bytes, the versions and the machine too.
+        """
+        path, data = model.with_suffix(".json"), model.read_bytes()
+        content = asdict(self) | {
+            "model_sha256": hashlib.sha256(data).hexdigest(),
+            "model_bytes": len(data),
             "machine": machine(str(self.recipe.get("device", "cpu"))),
             "versions": versions(),
             "licence": LICENCE,
         }
-
-    def save(self, model: Path) -> Path:
-        """Write the card beside a model: ``pose.onnx`` gets ``pose.json`` and ``pose.md``. Returns the JSON's path."""
-        path = model.with_suffix(".json")
-        content = self.to_dict(model.read_bytes())
         write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
         write(path.with_suffix(".md"), markdown(content).encode())
         return path
@@ -89,10 +89,8 @@ def versions() -> dict[str, str]:
     """Versions of what made a model."""
     found = {"simgrab": __version__, "python": platform.python_version()}
     for name in PACKAGES:
-        try:
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
-        except PackageNotFoundError:
-            continue
     return found
 
 
@@ -116,14 +114,17 @@ def markdown(content: Mapping[str, Any]) -> str:
     also = f" and {real['frames']} real frames of {real['videos']} videos, {real['times']} times each" if real else ""
     alone = "alone" in content["metrics"]
     together = " “alone” is of this net, the rest of all the nets together." if alone else ""
+    data = "; ".join(f"{d['frames']} frames of `{_code(d['scenario'])}`, seed {d['seed']}" for d in content["data"])
+    machine = content["machine"]
+    beside = f" and an {markdown_text(machine['accelerator'])}" if "accelerator" in machine else ""
     lines = [
         f"# {content['name']}",
         "",
         content["task"],
         "",
-        f"Trained on {content['examples']} examples, the split `train` of {_sets(content['data'])}{also},"
+        f"Trained on {content['examples']} examples, the split `train` of {data}{also},"
         f" for {content['seconds'] / 60:.1f} minutes ({content['epochs']} epochs)"
-        f" on {content['machine']['cores']} cores{_beside(content['machine'])}."
+        f" on {machine['cores']} cores{beside}."
         f" Judged by the split `val` of these.{together}{began}",
         "",
         "| validation | |",
@@ -136,14 +137,6 @@ def markdown(content: Mapping[str, Any]) -> str:
             lines += ["", *_table(title, table)]
     lines += ["", f"Licence: {content['licence']}. SHA-256 of the model: `{content['model_sha256']}`.", ""]
     return "\n".join(lines)
-
-
-def _beside(machine: Mapping[str, Any]) -> str:
-    return f" and an {markdown_text(machine['accelerator'])}" if "accelerator" in machine else ""
-
-
-def _sets(data: Sequence[Mapping[str, Any]]) -> str:
-    return "; ".join(f"{d['frames']} frames of `{_code(d['scenario'])}`, seed {d['seed']}" for d in data)
 
 
 def _code(text: object) -> str:

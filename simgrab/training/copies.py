@@ -33,7 +33,7 @@ class Copies:
     def __init__(self, net: nn.Module, count: int) -> None:
         torch.get_num_threads()  # fixes the number of this thread, before copies set theirs
         self._nets = [net, *(_sharing(net) for _ in range(count - 1))]
-        self._pool = ThreadPoolExecutor(count, "copy", torch.set_num_threads, (1,)) if count > 1 else None
+        self._pool = ThreadPoolExecutor(count, "copy", torch.set_num_threads, (1,))
 
     def gradients(self, loss: Loss, batch: Batch) -> float:
         """Leave the gradients of a batch's mean loss in the net, in place of those before; return the loss.
@@ -52,7 +52,7 @@ class Copies:
             lost.backward()  # type: ignore[no-untyped-call]
             return float(lost.detach())
 
-        if parts == 1 or self._pool is None:
+        if parts == 1:
             return one(0)
         total = sum(self._pool.map(one, range(parts)))
         for other in self._nets[1:parts]:  # in order, so that sums round alike

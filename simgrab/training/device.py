@@ -30,13 +30,9 @@ def named(name: str) -> torch.device:
 
 def to_device(batch: dict[str, Tensor], device: torch.device) -> dict[str, Tensor]:
     """Move a batch; pictures of floats, (n, channels, height, width), become channels-last."""
+    plain, last = torch.preserve_format, torch.channels_last
     return {
-        name: value.to(
-            device,
-            memory_format=torch.channels_last
-            if value.ndim == 4 and value.is_floating_point()
-            else torch.preserve_format,
-        )
+        name: value.to(device, memory_format=last if value.ndim == 4 and value.is_floating_point() else plain)
         for name, value in batch.items()
     }
 

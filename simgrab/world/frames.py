@@ -312,7 +312,7 @@ class FrameDataset(Generic[T]):
     def clips(self) -> tuple[range, ...]:
         """Numbers of the frames of each clip."""
         scenario = self.scenario
-        return tuple(map(scenario.span, range(scenario.clip.count(scenario.frames))))
+        return tuple(map(scenario.span, range(scenario.clip_count)))
 
     def __len__(self) -> int:
         return self.scenario.frames

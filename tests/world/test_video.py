@@ -23,6 +23,7 @@ from simgrab.dataset.render import render
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
 from simgrab.dataset.video.render import render_video
+from simgrab.dataset.video.transmission import slots
 from simgrab.errors import DatasetError, ScenarioError
 from simgrab.model import scenes
 from simgrab.model.scenario import Camera, Scenario
@@ -203,6 +204,7 @@ def test_one_clip_has_no_number(tmp_path):
 def test_what_cannot_be_is_refused_before_anything_is_written(changes, name, message, tmp_path):
     (tmp_path / "a file").write_text("…")
     (tmp_path / "mine.mp4").write_text("…")
+    (tmp_path / "manifest.json").write_text('{"simgrab": "of a dataset in the same folder"}')
     before = digests(tmp_path)
     with pytest.raises((ScenarioError, DatasetError), match=message):
         render_video(scenes.load("quay-day", SMALL | changes), tmp_path / name)
@@ -291,7 +293,8 @@ def test_memory_does_not_grow_with_the_clip(tmp_path):
     videos = VideoFiles(scenario, identity(scenario), tmp_path / "long.mp4")
     tracemalloc.start()
     with videos.journal.opened(videos.identity):
-        encode_clip(videos, 0, take, rendered_by, tick=lambda: None, also=lambda _: False)
+        shots = ((slot, take(slot.frame)) for slot in slots(scenario, 0, videos.container.ticks_per_s))
+        encode_clip(videos, 0, shots, rendered_by)
     tracemalloc.stop()
     assert pq.read_metadata(tmp_path / "long.parquet").num_rows == 4000
     assert resident[-1] - resident[0] < 5  # what libraries hold

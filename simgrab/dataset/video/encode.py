@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass, replace
 
@@ -18,7 +18,7 @@ from simgrab.dataset.tables import LabelWriter
 from simgrab.dataset.video import table
 from simgrab.dataset.video.coder import Coder
 from simgrab.dataset.video.files import MANIFEST, VideoFiles
-from simgrab.dataset.video.transmission import Slot, slots
+from simgrab.dataset.video.transmission import Slot
 from simgrab.io import files
 from simgrab.model.truth import Truth
 from simgrab.runtime.versions import Fingerprint
@@ -34,24 +34,11 @@ class Shot:
 
 
 def encode_clip(
-    videos: VideoFiles,
-    clip: int,
-    take: Callable[[int], Shot],
-    rendered_by: Fingerprint,
-    *,
-    tick: Callable[[], None],
-    also: Callable[[int], bool],
+    videos: VideoFiles, clip: int, shots: Iterable[tuple[Slot, Shot | None]], rendered_by: Fingerprint
 ) -> None:
-    """Make a clip and put its files in place. Only one picture is kept at a time, whatever the clip's length.
+    """Make a clip of its slots, in order, each with a shot if it shows a frame, and put its files in place.
 
-    Parameters
-    ----------
-    take : callable
-        Returns the shot of a frame. Called once for each frame that the video shows, in order.
-    tick : callable
-        Called after every frame of the clip, shown or not.
-    also : callable
-        Whether to take a frame that the video does not show.
+    Only one picture is kept at a time, whatever the clip's length.
     """
     scenario, container = videos.scenario, videos.container
     core = videos.identity | {"clip": clip}
@@ -66,8 +53,7 @@ def encode_clip(
         videos.draft(clip, ".parquet").open("wb") as file,
         closing(LabelWriter(file, schema, table.GROUP_ROWS)) as rows,
     ):  # fmt: skip
-        for slot in slots(scenario, clip, container.ticks_per_s):
-            shot = take(slot.frame) if slot.shows_frame or also(slot.frame) else None
+        for slot, shot in shots:
             if slot.shows_frame:
                 assert shot is not None
                 shown = replace(shot, truth=_timed(shot.truth, clip, slot))
@@ -81,7 +67,6 @@ def encode_clip(
                 }  # fmt: skip
                 rows.add(msgspec.structs.asdict(shown.truth) | {"split": shown.split} | own)
                 sent += 1
-            tick()
     with videos.journal.store.guarded():
         for name, data in tables.beside(scenario).items():
             if name == "camera.toml":

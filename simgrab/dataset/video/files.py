@@ -66,16 +66,13 @@ class VideoFiles:
         return CONTAINERS[self.path.suffix]
 
     @property
-    def count(self) -> int:
-        """How many clips there are."""
-        return self.scenario.clip.count(self.scenario.frames)
-
-    @property
     def journal(self) -> Journal:
         """Owner and identity of the clips. Their manifests show which clips are finished."""
-        partial = f".{self.path.name}.partial"
-        store = Store(str(self.path.parent), drafts=partial)
-        return Journal(store, partial, f"{partial}/{IDENTITY}", kind="video", option="--video", name=str(self.path))
+        partial, whole = f".{self.path.name}.partial", self.files(0)[MANIFEST].name
+        return Journal(
+            Store(str(self.path.parent), drafts=partial), partial, f"{partial}/{IDENTITY}", whole, kind="video",
+            option="--video", name=str(self.path),
+        )  # fmt: skip
 
     @property
     def partial(self) -> Path:
@@ -84,7 +81,7 @@ class VideoFiles:
 
     def files(self, clip: int) -> dict[str, Path]:
         """Files of a clip, by suffix, in the order in which they are put in place."""
-        video = self.path if self.count == 1 else self.path.with_stem(f"{self.path.stem}-{clip:03d}")
+        video = self.path if self.scenario.clip_count == 1 else self.path.with_stem(f"{self.path.stem}-{clip:03d}")
         return {self.path.suffix: video} | {side: video.with_suffix(side) for side in SIDES}
 
     def draft(self, clip: int, suffix: str) -> Path:
@@ -107,7 +104,7 @@ class VideoFiles:
 
     def rendered_by(self) -> Fingerprint | None:
         """Return the renderer of the finished clips; None if there are none."""
-        manifests = (self.known(clip) for clip in range(self.count))
+        manifests = (self.known(clip) for clip in range(self.scenario.clip_count))
         return next((named(known, self.path).renderer for known in manifests if known is not None), None)
 
     def unfinished(self, *, resume: bool) -> list[int]:
@@ -123,7 +120,7 @@ class VideoFiles:
         begun = journal.known(journal.claim)
         if begun is not None and resume:
             journal.refuse_other(begun, self.identity)
-        for clip in range(self.count):
+        for clip in range(self.scenario.clip_count):
             files, known = self.files(clip), self.known(clip)
             there = [path for path in files.values() if path.exists()]
             if not resume and (there or self.partial.exists()):
@@ -147,7 +144,7 @@ class VideoFiles:
         scenario, sent, repeated, size = self.scenario, 0, 0, 0
         clamped, rendered_by = Counter[str](), self.rendered_by()
         assert rendered_by is not None
-        for clip in range(self.count):
+        for clip in range(self.scenario.clip_count):
             files = self.files(clip)
             column = parquet.read_table(files[".parquet"], DatasetError, columns=["repeated"])["repeated"]
             sent, repeated = sent + len(column), repeated + pc.sum(column).as_py()
@@ -155,7 +152,7 @@ class VideoFiles:
             size += files[self.path.suffix].stat().st_size
         return VideoSummary(
             path=self.path,
-            clips=self.count,
+            clips=self.scenario.clip_count,
             made=made,
             frames=scenario.frames,
             sent=sent,

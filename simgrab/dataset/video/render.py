@@ -15,6 +15,7 @@ from simgrab.dataset.price import Price
 from simgrab.dataset.summary import VideoSummary
 from simgrab.dataset.video.encode import Shot, encode_clip
 from simgrab.dataset.video.files import VideoFiles
+from simgrab.dataset.video.transmission import Slot, slots
 from simgrab.errors import ScenarioError
 from simgrab.io.journal import Journal
 from simgrab.model.scenario import Scenario
@@ -91,12 +92,12 @@ class Clips:
         self.work = ClipWork(self.videos, None)
 
     @property
-    def begun(self) -> bool:  # noqa: D102
-        return self.videos.journal.begun
+    def journal(self) -> Journal:  # noqa: D102
+        return self.videos.journal
 
     @property
     def most(self) -> int:  # noqa: D102
-        return self.videos.scenario.clip.count(self.videos.scenario.frames)
+        return self.videos.scenario.clip_count
 
     def check(self, *, resume: bool) -> bool:  # noqa: D102
         self.remaining = self.videos.unfinished(resume=resume)
@@ -104,14 +105,14 @@ class Clips:
 
     @contextmanager
     def opened(self) -> Iterator[list[FrameNumbers]]:  # noqa: D102
-        with self.videos.journal.opened(self.videos.identity):
+        with self.journal.opened(self.videos.identity):
             yield [self.videos.scenario.span(clip) for clip in self.remaining]
 
     def take(self, made: Fingerprint) -> None:
         """All is done where it was made."""
 
     def finish(self) -> None:  # noqa: D102
-        self.videos.journal.close()
+        self.journal.close()
 
 
 @dataclass(frozen=True)
@@ -127,15 +128,18 @@ class ClipWork:
         rendered_by = generator.scene(frames[0]).renderer.fingerprint
         if not self.videos.is_finished(clip):
             same_renderer(rendered_by, self.videos.rendered_by(), self.videos.path)
-            encode_clip(
-                self.videos, clip, lambda frame: self._take(generator, frame), rendered_by, tick=tick, also=self._lacks
-            )
+            encode_clip(self.videos, clip, self._shots(generator, clip, tick), rendered_by)
             return rendered_by
         for frame in frames:
             if self._lacks(frame):
                 self._take(generator, frame)
             tick()
         return rendered_by
+
+    def _shots(self, generator: FrameGenerator, clip: int, tick: Tick) -> Iterator[tuple[Slot, Shot | None]]:
+        for slot in slots(self.videos.scenario, clip, self.videos.container.ticks_per_s):
+            yield slot, self._take(generator, slot.frame) if slot.shows_frame or self._lacks(slot.frame) else None
+            tick()
 
     def _lacks(self, frame: int) -> bool:
         return self.journal is not None and not self.journal.has(record.unit(frame))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pyarrow as pa
 
-from simgrab.dataset.tables import labels_schema
+from simgrab.dataset.tables import column, labels_schema
 
 GROUP_ROWS = 500
 
@@ -17,18 +17,14 @@ def schema() -> pa.Schema:
     """
     labels = labels_schema()
     own = [
-        _field("sent", pa.int64(), "", "index of the picture within the video, from 0"),
-        _field("pts_s", pa.float64(), "s", "its time stamp in the video, with jitter"),
-        _field("repeated", pa.bool_(), "", "whether the picture before was sent again, for want of this instant's"),
-        _field("due_s", pa.float64(), "s", "time within the clip of the instant in whose place it was sent"),
-        _field("rgb_sha256", pa.string(), "", "digest of the picture before coding: 8-bit rgb, row by row"),
+        column("sent", pa.int64(), "", "index of the picture within the video, from 0"),
+        column("pts_s", pa.float64(), "s", "its time stamp in the video, with jitter"),
+        column("repeated", pa.bool_(), "", "whether the picture before was sent again, for want of this instant's"),
+        column("due_s", pa.float64(), "s", "time within the clip of the instant in whose place it was sent"),
+        column("rgb_sha256", pa.string(), "", "digest of the picture before coding: 8-bit rgb, row by row"),
     ]
     known = [field for field in labels if field.name not in ("file", "image_sha256")]
     return pa.schema([*own, *(_for_clips(field) for field in known)], metadata=labels.metadata)
-
-
-def _field(name: str, kind: pa.DataType, unit: str, text: str) -> pa.Field:
-    return pa.field(name, kind, metadata={"unit": unit, "description": text})
 
 
 def _for_clips(field: pa.Field) -> pa.Field:
@@ -37,4 +33,4 @@ def _for_clips(field: pa.Field) -> pa.Field:
         "clip": "index of the clip",
         "time_s": "time within the clip of the instant at which everything in this row holds",
     }.get(field.name)
-    return field if text is None else _field(field.name, field.type, field.metadata[b"unit"].decode(), text)
+    return field if text is None else column(field.name, field.type, field.metadata[b"unit"].decode(), text)

@@ -421,6 +421,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     """Text of the scene file."""
     from simgrab.model import layouts
 
+    assume, warn = answers.assumed.append, answers.warnings.append
     optics, width, height, f_px, (k1, k2, k3) = _optics(answers)
     (rate,) = answers.get("rate", _numbers(0.1, 120))
     x, y, z = offset = answers.get("offset", _numbers(-3, 3, 3))
@@ -438,9 +439,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
     mount = answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0] if cycles or "mount" in answers else ""
     if mount and not cycles:
-        answers.warnings.append(
-            "--mount: only stated in camera.toml, since nothing moves the camera in independent frames"
-        )
+        warn("--mount: only stated in camera.toml, since nothing moves the camera in independent frames")
     anywhere = (not cycles or "place" in answers) and answers.get("place", _one_of("quay", "random")) == ["random"]
     if anywhere and (cycles or fixed):
         raise _refusal("place", f"random places are of independent frames{', which vary: leave out --fixed' * fixed}")
@@ -452,45 +451,41 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         swing += f"\nsettle_s = {DIG_S} # simulated before the first frame; by then the grab may swing"
     else:
         calm = ", whatever the wind, which carries rain, snow and dust alone" if wind else ""
-        answers.assumed.append(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
-        answers.assumed.append("yaw: standard deviation of 12 degrees, as ropes turn the grab back; yaw_deg sets it")
+        assume(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
+        assume("yaw: standard deviation of 12 degrees, as ropes turn the grab back; yaw_deg sets it")
         swing += '\nyaw_deg = { dist = "normal", mean = 0, sd = 12, low = -60, high = 60 } # about the ropes'
     if anywhere:
         swing += "\nload = 0 # it holds none" * ('model = "mesh"' in grab)
         if long > head - 3:
-            answers.warnings.append(
-                f"--ropes: ropes are shortened where the grab would reach the ground, up to {long:g} m"
-            )
-        answers.assumed.append(
+            warn(f"--ropes: ropes are shortened where the grab would reach the ground, up to {long:g} m")
+        assume(
             "place, parked grabs, jib head, lens, sensor and the grab's details vary as in training, and one frame in "
             "20 shows no grab; keys that this file states do not"
         )
     elif long > head - 3 and not cycles:
-        answers.assumed.append(f"place: an empty hold, because a grab on {long:g} m of rope reaches below the quay")
+        assume(f"place: an empty hold, because a grab on {long:g} m of rope reaches below the quay")
         swing += '\n\n[place]\nmodel = "hold"\ndepth_m = 18.0\nfill = 0.0'
     else:
-        answers.assumed.append("place: a quay with coal; model and cargo in [place] set it")
+        assume("place: a quay with coal; model and cargo in [place] set it")
     if not cycles and not anywhere:
-        answers.assumed.append("every frame shows the grab; absent in [swing] leaves it out")
+        assume("every frame shows the grab; absent in [swing] leaves it out")
     if not anywhere:
-        answers.assumed.append("no noise of the sensor; optics.sensor sets it")
+        assume("no noise of the sensor; optics.sensor sets it")
     if fixed:
-        answers.assumed.append(
-            "the tilt leans outboard, and roll is 0; tilt_azimuth_deg and roll_deg in [camera] set it"
-        )
+        assume("the tilt leans outboard, and roll is 0; tilt_azimuth_deg and roll_deg in [camera] set it")
     else:
-        answers.assumed.append(
+        assume(
             f"within: 2 degrees of the tilt, in any direction, 3 of roll, {around:g} m of the offset, 1 % of the focal "
             f"length, 0.5 m of the height{', 10 % of the volume' if volume else ''}; [vary] sets them"
         )
     for weather in weathers:
         if keys := WEATHERS[weather][2]:
-            answers.assumed.append(f"{weather}: {', '.join(f'{key} {value:g}' for key, value in keys.items())}")
+            assume(f"{weather}: {', '.join(f'{key} {value:g}' for key, value in keys.items())}")
     if "night" in lights:
-        answers.assumed.append("night: lamps of the quay, and a grey picture; light, night_mode and exposure_ev set it")
+        assume("night: lamps of the quay, and a grey picture; light, night_mode and exposure_ev set it")
     (display,) = answers.get("display", _one_of("none", *layouts.names()))
     if answers.unread:
-        answers.warnings.append(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
+        warn(f"{answers.unread}: no effect beside {'--fov' if 'fov' in answers else '--camera'}")
     inf = math.inf
     facts = {
         "camera.focal.focal_length_px": (f_px, 0.01 * f_px, 100, inf),

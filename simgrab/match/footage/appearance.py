@@ -12,7 +12,7 @@ from simgrab.match.footage.display import DisplayMatch, display
 from simgrab.match.footage.footage import Footage, to_linear
 from simgrab.match.footage.grab import Grab, grab
 from simgrab.match.footage.noise import Noise, noise
-from simgrab.match.footage.quantity import Quantity, exact, unknown
+from simgrab.match.footage.quantity import Quantity, exact, positive, unknown
 from simgrab.match.footage.shading import vignetting
 from simgrab.match.footage.sharpness import Sharpness, sharpness
 from simgrab.match.footage.still import still
@@ -142,8 +142,8 @@ def _means(footage: Footage) -> tuple[Quantity, tuple[Quantity, Quantity]]:
 
 
 def _spread(values: np.ndarray) -> Quantity:
-    value, reach = float(values.mean()), 1.96 * float(values.std()) + 0.01 * float(values.mean())
-    return Quantity(value, max(value - reach, 0.0), value + reach)
+    mean = float(values.mean())
+    return positive(mean, 1.96 * float(values.std()) + 0.01 * mean)
 
 
 def _stated(value: float | None, unit: str, reason: str) -> Quantity:

@@ -63,16 +63,15 @@ def blur(footage: Footage, hidden: NDArray[np.bool_]) -> Quantity:
 def _edges(level: NDArray[np.uint8], usable: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
     """Diameters of edges, shape (n,), and the part of the picture that each lies in."""
     linear = to_linear(level).astype(np.float32)
-    at, gx, gy, size = straight_edges(
+    places, directions = straight_edges(
         linear, usable, smooth_px=1.0, about_px=2.5, least=LEAST_CONTRAST / 12, most=MOST_EDGES
     )
     span = np.arange(-REACH_PX - 2, REACH_PX + 3)
     dy, dx = np.meshgrid(span, span, indexing="ij")
     diameters, parts = list[float](), list[int]()
-    for y, x in at.tolist():
+    for (y, x), (c, s) in zip(places.tolist(), directions, strict=True):
         if min(y, x) < -span[0] or y + span[-1] >= linear.shape[0] or x + span[-1] >= linear.shape[1]:
             continue
-        c, s = gx[y, x] / size[y, x], gy[y, x] / size[y, x]
         across, along = c * dx + s * dy, c * dy - s * dx
         near = (np.abs(across) <= REACH_PX) & (np.abs(along) <= ALONG_PX)
         window = np.s_[y + span[0] : y + span[-1] + 1, x + span[0] : x + span[-1] + 1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -40,14 +41,11 @@ class DisplayMatch:
         Empty where there is a layout.
     read : float
         Share of digits' cells that the reader was sure of.
-    clock : bool
-        Whether the clock was found; else the layout states a place beside the numbers.
     """
 
     layout: Layout | None
     reason: str
     read: float
-    clock: bool = False
 
     def mask(self, height: int, width: int) -> NDArray[np.bool_]:
         """Pixels of the display, with a margin, shape (height, width)."""
@@ -61,17 +59,16 @@ class DisplayMatch:
 
 def display(footage: Footage) -> DisplayMatch:
     """Find the display's digits."""
-    some = footage.few
-    lines = _lines(_common([_boxes(frame, above) for above in ABOVE for frame in some]))
+    lines = _lines(_common([box for above in ABOVE for frame in footage.few for box in _boxes(frame, above)]))
     best = DisplayMatch(None, "no two numbers of four digits stand in it", 0.0)
     reader = Reader()
     for hoist, closing in _pairs(lines, footage.size[0])[:MOST_PAIRS]:
         for layout in _layouts(hoist, closing, lines, footage.size):
-            read = "".join(reader.read(frame, layout).text for frame in some)
+            read = "".join(reader.read(frame, layout).text for frame in footage.few)
             digits = sum(character.isdigit() for character in read)
             share = digits / max(digits + read.count("?"), 1)
             if share > best.read:
-                best = DisplayMatch(layout, "", share, _clock(lines, footage.size) is not None)
+                best = DisplayMatch(layout, "", share)
         if best.read >= LEAST_READ:
             break
     if best.read < LEAST_READ:
@@ -98,10 +95,10 @@ def _boxes(frame: NDArray[np.uint8], above: int) -> list[Box]:
     return boxes
 
 
-def _common(found: Sequence[Sequence[Box]]) -> list[Box]:
+def _common(found: Sequence[Box]) -> list[Box]:
     """Boxes that several pictures show, each the median of its own."""
     groups: list[list[Box]] = []
-    for box in (box for some in found for box in some):
+    for box in found:
         height = box[3] - box[1]
         for group in groups:
             other = group[0]
@@ -203,13 +200,8 @@ def _pairs(lines: list[list[Box]], width: int) -> list[tuple[Sequence[Box], Sequ
     # A character of a number may be lost in what lies behind it: two that stand below others will do.
     for one in numbers:
         a, height = one.boxes, one.height
-        drops: dict[int, int] = {}
-        for box in boxes:
-            if (
-                any(abs(_centre(box) - _centre(p)) <= 0.25 * height for p in a)
-                and 1.05 * height < box[1] - a[0][1] <= 3 * height
-            ):
-                drops[round(box[1] - a[0][1])] = drops.get(round(box[1] - a[0][1]), 0) + 1
+        near = [box for box in boxes if any(abs(_centre(box) - _centre(p)) <= 0.25 * height for p in a)]
+        drops = Counter(round(box[1] - a[0][1]) for box in near if 1.05 * height < box[1] - a[0][1] <= 3 * height)
         for drop, count in drops.items():
             if count >= 2:
                 below = [(x0, y0 + drop, x1, y1 + drop) for x0, y0, x1, y1 in a]
@@ -268,7 +260,7 @@ def _layouts(
     """Layouts whose cells hold the characters of two numbers."""
     boxes = [*hoist, *closing]
     height = float(np.median([y1 - y0 for _, y0, _, y1 in boxes]))
-    centres = [[(x0 + x1) / 2 for x0, _, x1, _ in number] for number in (hoist, closing)]
+    centres = [[_centre(box) for box in number] for number in (hoist, closing)]
     pitch = float(np.median([c[k + 1] - c[k] for c in centres for k in (0, 2)]))
     point = all(c[2] - c[1] > 1.2 * pitch for c in centres)
     result = []

@@ -16,7 +16,7 @@ _STRAIGHT = 0.85  # coherence of the gradients about an edge
 
 def straight_edges(
     picture: Floats, usable: NDArray[np.bool_], *, smooth_px: float, about_px: float, least: float, most: int
-) -> tuple[NDArray[np.int64], Floats, Floats, Floats]:
+) -> tuple[NDArray[np.int64], Floats]:
     """Find the steepest places of straight edges.
 
     Parameters
@@ -35,8 +35,8 @@ def straight_edges(
     -------
     places : ndarray of int, shape (n, 2)
         Row and column.
-    gx, gy, size : ndarray of float32, shape (height, width)
-        The gradient and its length.
+    directions : ndarray of float32, shape (n, 2)
+        Of the gradient, of length 1: x, y.
     """
     smooth = cv2.GaussianBlur(picture, (0, 0), smooth_px)
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8
@@ -47,7 +47,8 @@ def straight_edges(
     at = np.argwhere(usable & peak & (straight > _STRAIGHT) & (size > least))
     if len(at) > most:
         at = at[np.argsort(-size[at[:, 0], at[:, 1]], kind="stable")[:most]]
-    return at, gx, gy, size
+    row, column = at.T
+    return at, np.stack([gx[row, column], gy[row, column]], axis=1) / size[row, column, None]
 
 
 def away_from(hidden: NDArray[np.bool_], reach_px: int) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from statistics import median
 from typing import Any
 
 import av.error
+import cv2
 import numpy as np
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange
@@ -134,7 +135,7 @@ def _read(stream: VideoStream, video: Video) -> Footage:
                 if luma and grey.shape != luma[0].shape:
                     raise SourceError(f"{name}: the picture's size changes at frame {len(luma)}")
                 if len(luma) % every == 0:
-                    rgb.append(playback.placed(_rgb(plain), frame))
+                    rgb.append(playback.placed(np.asarray(plain.to_ndarray(format="rgb24"), np.uint8), frame))
                 if frame.key_frame:
                     keys.append(len(luma))
                 weights = BT709 if int(plain.colorspace) == 1 else BT601
@@ -161,10 +162,6 @@ def _read(stream: VideoStream, video: Video) -> Footage:
     )  # fmt: skip
 
 
-def _rgb(frame: VideoFrame) -> NDArray[np.uint8]:
-    return np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
-
-
 def _luma(frame: VideoFrame) -> NDArray[np.uint8]:
     """Y' of a frame at 0 … 255."""
     return np.asarray(frame.reformat(format="gray", dst_color_range=ColorRange.JPEG).to_ndarray(), np.uint8)
@@ -182,6 +179,13 @@ def _step(frame: VideoFrame) -> list[float]:
             delta = np.frombuffer(content, np.int32, offset=offset).reshape(-1, size // 4)[:blocks, 4]
             return [float(np.exp2((base + delta - 4) / 6).mean())]
     return []
+
+
+def block_means(values: NDArray[np.floating[Any]], side_px: int) -> NDArray[Any]:
+    """Means of a picture's whole blocks of ``side_px``, shape (rows, columns)."""
+    rows, columns = (length // side_px for length in values.shape)
+    whole = values[: rows * side_px, : columns * side_px]
+    return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA))
 
 
 def to_linear(levels: NDArray[Any]) -> NDArray[np.float64]:

@@ -52,16 +52,16 @@ class Grab:
 def grab(footage: Footage, detector: Detector) -> Grab:
     """Detect the grab in a few frames."""
     results = [(frame, detector(frame)) for frame in footage.rgb]
-    pairs = [(frame, one.box) for frame, one in results if one.found and one.box is not None]
+    pairs = [(frame, np.asarray(one.box, float)) for frame, one in results if one.found and one.box is not None]
     share = exact(len(pairs) / len(results))
     if len(pairs) < LEAST_FOUND:
         reason = f"the detector finds a grab in {len(pairs)} of {len(results)} frames"
         return Grab(share, unknown(reason, "px"), unknown(reason, "°"), None, np.zeros((0, 4)))
-    boxes = np.array([box for _, box in pairs], float)
+    boxes = np.array([box for _, box in pairs])
     sides = (boxes[:, 2:] - boxes[:, :2]).max(axis=1)
     low, high = np.quantile(sides, (0.025, 0.975))
     size = float(np.median(sides))
-    hue, paint = _paint(footage, [(frame, np.asarray(box, float)) for frame, box in pairs])
+    hue, paint = _paint(footage, pairs)
     reach = 0.03 * size
     return Grab(share, Quantity(size, float(low) - reach, float(high) + reach, unit="px"), hue, paint, boxes)
 

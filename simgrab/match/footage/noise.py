@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from simgrab.match.footage.footage import Footage, slope, to_linear
-from simgrab.match.footage.quantity import Quantity, unknown
+from simgrab.match.footage.footage import Footage, block_means, slope, to_linear
+from simgrab.match.footage.quantity import Quantity, positive, unknown
 from simgrab.match.footage.still import BLOCK_PX, StillBlocks
 from simgrab.model.rng import stream
 
@@ -87,9 +87,8 @@ def noise(footage: Footage, still: StillBlocks | None, hidden: NDArray[np.bool_]
     # Where it is darkest, a share of all of the variance that is lost is taken for read noise.
     darkest = gain * float(np.quantile(blocks.shot / blocks.read, DARK_QUANTILE))
     sd = np.hypot(drawn.std(axis=0), relative * np.array([gain, read + darkest]))
-    low, high = max(gain - 1.96 * sd[0], 0.0), gain + 1.96 * sd[0]
     ends = np.sqrt(np.maximum(read + 1.96 * np.array([-1, 1]) * sd[1], 0))
-    return Noise(Quantity(gain, low, high), Quantity(float(np.sqrt(read)), float(ends[0]), float(ends[1])), curve)
+    return Noise(positive(gain, 1.96 * sd[0]), Quantity(float(np.sqrt(read)), float(ends[0]), float(ends[1])), curve)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +131,7 @@ def _blocks(footage: Footage, still: StillBlocks, hidden: NDArray[np.bool_]) -> 
     h, w = rows * BLOCK_PX, columns * BLOCK_PX
 
     def mean(values: NDArray[Any]) -> Floats:
-        return np.asarray(cv2.resize(np.asarray(values, np.float64), (columns, rows), interpolation=cv2.INTER_AREA))
+        return block_means(values.astype(float), BLOCK_PX)
 
     level = cv2.GaussianBlur(footage.mean[:h, :w], (0, 0), 1.5)
     within = mean((level > DARKEST) & (level < BRIGHTEST) & ~hidden[:h, :w]) == 1

@@ -39,10 +39,6 @@ class Quantity:
         """Whether the footage determines it."""
         return self.value is not None
 
-    def holds(self, truth: float) -> bool:
-        """Whether the interval holds a value."""
-        return self.low <= truth <= self.high
-
     def text(self) -> str:
         """Write value and interval, or the reason."""
         if self.value is None:
@@ -56,6 +52,11 @@ class Quantity:
 def exact(value: float, unit: str = "") -> Quantity:
     """Give a quantity that the file states."""
     return Quantity(value, value, value, unit=unit)
+
+
+def positive(value: float, reach: float, unit: str = "") -> Quantity:
+    """Give a quantity that is not below 0, and how far its interval reaches on both sides."""
+    return Quantity(value, max(value - reach, 0.0), value + reach, unit=unit)
 
 
 def unknown(reason: str, unit: str = "") -> Quantity:

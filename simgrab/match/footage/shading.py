@@ -11,14 +11,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import stats
 
-from simgrab.match.footage.footage import Footage, to_linear
-from simgrab.match.footage.quantity import Quantity, unknown
+from simgrab.match.footage.footage import Footage, block_means, to_linear
+from simgrab.match.footage.quantity import Quantity, positive, unknown
 from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM
 
 CELL_PX = 8
@@ -50,17 +49,12 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
     rows, columns = height // CELL_PX, width // CELL_PX
     if min(rows, columns) < 2 * APART:
         return unknown("the picture is too small", "stops")
-    h, w = rows * CELL_PX, columns * CELL_PX
-
-    def cells(values: NDArray[np.floating]) -> Floats:
-        return np.asarray(cv2.resize(np.asarray(values[:h, :w], float), (columns, rows), interpolation=cv2.INTER_AREA))
-
     level = footage.mean
     usable = (level > 6) & (level < 245) & ~hidden
     if still is not None and still.mean() > 0.3:
         usable &= still
-    light = cells(to_linear(level).astype(np.float32))
-    good = cells(usable.astype(np.float32)) > 0.99
+    light = block_means(to_linear(level).astype(np.float32).astype(float), CELL_PX)
+    good = block_means(usable.astype(float), CELL_PX) > 0.99
     x = (np.arange(columns) + 0.5) * CELL_PX - width / 2
     y = ((np.arange(rows) + 0.5) * CELL_PX - height / 2)[:, None]
     falloff = np.log1p((x**2 + y**2) / (FOCAL_PER_WIDTH * width) ** 2)
@@ -84,8 +78,7 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
     if sd > MOST_SD:
         return unknown("what it shows differs too much from one direction to another", "stops")
     reach = float(stats.t.ppf(0.975, len(found) - 1)) * sd
-    value = max(value, 0.0)
-    return Quantity(value, max(value - reach, 0.0), value + reach, unit="stops")
+    return positive(max(value, 0.0), reach, "stops")
 
 
 def _pairs(

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from simgrab.match.footage.edges import away_from, part_of, resampled_sd, straight_edges
 from simgrab.match.footage.footage import Footage
-from simgrab.match.footage.quantity import Quantity, unknown
+from simgrab.match.footage.quantity import Quantity, positive, unknown
 
 Floats = NDArray[np.float64]
 
@@ -72,21 +72,20 @@ def sharpness(footage: Footage, hidden: NDArray[np.bool_]) -> Sharpness:
     value = _overshoot(middle)
     sd = resampled_sd(profiles, parts, lambda some: _overshoot(_middle(some)), "match.sharpness", DRAWS)
     reach = 1.96 * math.hypot(sd, _SD_PERCENT, _SD_SHARE * value)
-    overshoot = Quantity(value, max(value - reach, 0.0), value + reach, unit="%")
+    overshoot = positive(value, reach, "%")
     return Sharpness(overshoot) if value < LEAST_PERCENT else Sharpness(overshoot, *_fit(middle))
 
 
 def _edges(luma: NDArray[np.uint8], usable: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
     """Profiles across straight edges, 0 to 1, shape (n, samples), and the part of the picture that each lies in."""
     level = luma.astype(np.float32)
-    at, gx, gy, size = straight_edges(
+    places, directions = straight_edges(
         level, usable, smooth_px=1.5, about_px=3.5, least=LEAST_RISE / 10, most=MOST_EDGES
     )
     wide = np.arange(-REACH_PX - 1, REACH_PX + 1 + STEP_PX / 2, STEP_PX)
     across, along = np.meshgrid(wide, np.arange(-ALONG_PX, ALONG_PX + 1), indexing="ij")
     profiles, parts = list[Floats](), list[int]()
-    for y, x in at.tolist():
-        c, s = gx[y, x] / size[y, x], gy[y, x] / size[y, x]
+    for (y, x), (c, s) in zip(places.tolist(), directions, strict=True):
         u, v = x + c * across - s * along, y + s * across + c * along
         seen = cv2.remap(level, u.astype(np.float32), v.astype(np.float32), cv2.INTER_CUBIC).mean(axis=1)
         seen = np.interp(_samples() + _crossing(wide, seen), wide, seen)

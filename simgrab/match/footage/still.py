@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.match.footage.footage import LEAST_FRAMES, Footage
+from simgrab.match.footage.footage import LEAST_FRAMES, Footage, block_means
 
 BLOCK_PX = 16
 LAG = 8  # frames between which differences are taken: a coder copies a part of the noise from one to the next
@@ -68,10 +67,5 @@ def still(footage: Footage) -> StillBlocks | None:
 
 def _moments(values: Blocks) -> tuple[Blocks, Blocks]:
     """Mean and mean square about it of each block."""
-    mean = _blocks(values)
-    return mean, _blocks(values**2) - mean**2
-
-
-def _blocks(values: Blocks) -> Blocks:
-    size = values.shape[1] // BLOCK_PX, values.shape[0] // BLOCK_PX
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))
+    mean = block_means(values, BLOCK_PX)
+    return mean, block_means(values**2, BLOCK_PX) - mean**2

@@ -120,7 +120,7 @@ def variants(scenario: Scenario) -> Iterator[tuple[Variant, range]]:
     if not scenario.vary:
         yield variant(scenario, 0), range(scenario.frames)
         return
-    for clip in range(scenario.clip.count(scenario.frames)):
+    for clip in range(scenario.clip_count):
         span = scenario.span(clip)
         yield variant(scenario, span.start), span
 

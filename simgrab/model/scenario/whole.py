@@ -149,7 +149,7 @@ class Scenario(Strict, frozen=True):
         return self.draw_of(clip, *self.every) if self.every else clip
 
     def _check_duration(self, swing: Dynamic) -> None:
-        days = (self.frames / self.clip.frame_rate_hz + self.clip.count(self.frames) * swing.settle_s) / 86_400
+        days = (self.frames / self.clip.frame_rate_hz + self.clip_count * swing.settle_s) / 86_400
         if days > MOST_DAYS:
             raise ScenarioError(
                 "frames",
@@ -185,6 +185,11 @@ class Scenario(Strict, frozen=True):
     def with_camera(self, camera: Camera) -> Scenario:
         """Return the same world seen by another camera, without display."""
         return msgspec.structs.replace(self, camera=camera, display=Display(layout="none"))
+
+    @property
+    def clip_count(self) -> int:
+        """Number of clips."""
+        return self.clip.count(self.frames)
 
     def span(self, clip: int) -> range:
         """Frames of one clip, in order; the last clip may be shorter."""

@@ -70,17 +70,16 @@ def _heaps(d: Dimensions) -> Heaps:
     if not (d.count and d.plates):
         return lambda _cargo, _rng: ()
     u, v = np.meshgrid(np.linspace(-1, 1, 33), np.linspace(-1, 1, 33), indexing="ij")
-    if d.count > 2:
+    if bowl := d.count > 2:
         u, v = u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)  # a square on a disc
-    along = d.half_y - 0.06
-    r, z = np.maximum.accumulate(d.curve[:, 0]), np.maximum.accumulate(d.curve[:, 1])
+    r, z = np.maximum.accumulate(d.curve).T
 
     def form(level: float) -> tuple[Array, ...]:
         shoulder = d.depth * (0.3 + 0.55 * level)
         edge = float(np.interp(shoulder, z, r)) - 2.5 * _CLEARANCE_M
-        x, y = edge * u, (along if d.count == 2 else edge) * v
-        out = np.hypot(u, v) if d.count > 2 else np.maximum(np.abs(u), np.abs(v))
-        rho = np.hypot(x, y) if d.count > 2 else np.abs(x)
+        x, y = edge * u, (edge if bowl else d.half_y - 0.06) * v
+        out = np.hypot(u, v) if bowl else np.maximum(np.abs(u), np.abs(v))
+        rho = np.hypot(x, y) if bowl else np.abs(x)
         return x, y, rho, shoulder + 0.14 * d.depth * (1 - out**1.7), 1 - out**4
 
     return kit.heaps(d.curve, _CLEARANCE_M, form)

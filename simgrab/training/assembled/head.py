@@ -57,9 +57,9 @@ def head(d: Dimensions, chance: Chance, ropes: int) -> list[Part]:
         parts.append(chance.part(f"attachment_{i}", _attachment(d, chance), BARE.dark))
     if chance.happens(0.2):
         corners = [(sx * x, sy * y) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-        parts.append(Part("rail", kit.rail(corners, high - 0.02, chance.share(0.3, 0.8)), chance.coat(BARE.hazard)))
+        parts.append(chance.part("rail", kit.rail(corners, high - 0.02, chance.share(0.3, 0.8)), BARE.hazard))
     if chance.happens(0.15):
-        parts.append(Part("ladder", kit.ladder(0.0, 0.17, y + 0.06, low - 0.4 * u, high), chance.coat(BARE.hazard)))
+        parts.append(chance.part("ladder", kit.ladder(0.0, 0.17, y + 0.06, low - 0.4 * u, high), BARE.hazard))
     if chance.happens(0.4):
         wide = 0.4 * x
         parts.append(kit.plate_part("number", (-wide, -0.9 * y, high - 0.01), (wide, -0.9 * y + wide, high + 0.012)))

@@ -5,20 +5,20 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from simgrab.cli._options import FOLDER, PATH, together
-from simgrab.cli._progress import board, drawing
+from simgrab.cli._progress import Board, board, drawing
 from simgrab.cli._resume import resumable
 from simgrab.text import printable
-from simgrab.training.cli._board import follow
 
 if TYPE_CHECKING:
     from simgrab.model.scenario import Scenario
+    from simgrab.training.loop import TrainingReport
 
 
 @click.group(name="train")
@@ -38,6 +38,20 @@ _of_detectors = together(
     click.option("--half/--no-half", default=None, help="Use bfloat16.  [default: if the hardware supports it]"),
     _training,
 )
+
+
+def follow(board: Board, name: str) -> Callable[[TrainingReport], None]:
+    """Begin a training: a bar, and a line for each epoch; gives what takes its reports."""
+    task = board.bars.add_task(f"training {name}", total=None, rate="")
+
+    def report(now: TrainingReport) -> None:
+        done, total = (now.epoch - 1) * now.steps + now.step, now.epochs * now.steps
+        board.bars.update(task, completed=done, total=total, rate=f"{now.examples_per_s:.0f} a second")
+        if now.figures:
+            figures = "  ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in now.figures.items())
+            board.bars.console.print(f"{name} epoch {now.epoch}/{now.epochs}  loss {now.loss:.4f}  {figures}")
+
+    return report
 
 
 def _print_metrics(metrics: Mapping[str, Any], card: Path, *, as_json: bool, quiet: bool) -> None:

@@ -86,9 +86,8 @@ class Dirt:
 
     def _noisy(self, picture: Picture, sd: float, rng: np.random.Generator) -> Picture:
         """Add noise, white or as smooth as denoising leaves it."""
-        size = picture.shape[0] * picture.shape[1] * picture.shape[2]
-        start = int(rng.integers(_NOISE - size))
-        noise = (self._noise[start : start + size] * sd).reshape(picture.shape)
+        start = int(rng.integers(_NOISE - picture.size))
+        noise = (self._noise[start : start + picture.size] * sd).reshape(picture.shape)
         if rng.random() < 0.4:
             radius = float(rng.uniform(0.6, 1.3))
             noise = cv2.GaussianBlur(noise, (0, 0), radius) * np.float32(2 * np.sqrt(np.pi) * radius)
@@ -133,7 +132,7 @@ def _curves(rng: np.random.Generator) -> Picture:
 def _cut_out(picture: Picture, rng: np.random.Generator) -> Picture:
     """Lay a rectangle of one colour over the picture."""
     h, w = picture.shape[:2]
-    high, wide = (int(rng.uniform(0.05, 0.25) * s) for s in (min(h, w), min(h, w)))
+    high, wide = (rng.uniform(0.05, 0.25, 2) * min(h, w)).astype(int)
     y, x = int(rng.integers(h - high)), int(rng.integers(w - wide))
     result = picture.copy()
     result[y : y + high, x : x + wide] = rng.integers(0, 256, 3)

@@ -19,11 +19,14 @@ from simgrab.instrument.detect.patches import Patch, Picture
 from simgrab.io.destination import writing
 from simgrab.io.files import drafted_folder
 from simgrab.io.parse import read_json
+from simgrab.model import label_arrays as labels
+from simgrab.model.geometry import Array
 from simgrab.model.records.frame_files import picture
 from simgrab.model.truth import Boxed, Row
 
 Progress = Callable[[int, int], None]
 Watch = Callable[[str], Progress]
+Make = Callable[[int, Picture], tuple[Picture, Sequence[Patch]]]
 _MOST_BYTES = 4 * 2**30  # of the list of patches
 _WORKERS = 2  # decoding lets go of Python's lock
 
@@ -36,6 +39,11 @@ class TrainingFrame:
     file: Path
     labelled: bool
     weather: str = ""
+
+    @property
+    def box(self) -> Array | None:
+        """Labelled box x0, y0, x1, y1, px; None where detection labels hold none."""
+        return labels.box(self.row) if self.labelled else None
 
     def picture(self) -> Picture:
         """Decode the picture, RGB.
@@ -73,7 +81,7 @@ def build(
     folder: Path,
     chosen: Sequence[TrainingFrame],
     shape: tuple[int, ...],
-    make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
+    make: Make,
     progress: Progress | None = None,
 ) -> tuple[NDArray[np.uint8], list[list[Patch]]]:
     """Make what is to be learned from each picture, or find it made.
@@ -110,11 +118,7 @@ def build(
 
 
 def _make(
-    folder: Path,
-    chosen: Sequence[TrainingFrame],
-    shape: tuple[int, ...],
-    make: Callable[[int, Picture], tuple[Picture, Sequence[Patch]]],
-    progress: Progress | None,
+    folder: Path, chosen: Sequence[TrainingFrame], shape: tuple[int, ...], make: Make, progress: Progress | None
 ) -> None:
     with writing(folder, TrainingError):
         shutil.rmtree(folder, ignore_errors=True)

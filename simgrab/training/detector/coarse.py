@@ -14,7 +14,6 @@ from torch import Tensor, nn
 
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.patches import COARSE_HEIGHT, COARSE_WIDTH, Patch, Picture, cut, whole
-from simgrab.model import label_arrays as labels
 from simgrab.model.geometry import Array
 from simgrab.training.copies import Batch
 from simgrab.training.detector import cache
@@ -48,8 +47,7 @@ def pictures(
     small, patches = cache.build(folder, chosen, (COARSE_HEIGHT, COARSE_WIDTH, 3), make, progress)
     boxes = np.full((len(chosen), 4), np.nan)
     for i, frame in enumerate(chosen):
-        corners = labels.box(frame.row)
-        if frame.labelled and corners is not None:
+        if (corners := frame.box) is not None:
             boxes[i] = (patches[i][0].to_shares(corners.reshape(2, 2)) * _SIZE).ravel()
     return SmallPictures(small, boxes)
 
@@ -77,12 +75,10 @@ class CoarseTask:
 
     def _one(self, i: int, rng: np.random.Generator) -> tuple[Picture, Array]:
         laid = turn(rng, quarters=False)
-        picture = laid.picture(np.asarray(self.train.pictures[i]))
-        corners = self.train.boxes[i]
-        if np.isfinite(corners[0]):
-            corners = (laid.box((corners.reshape(2, 2) / _SIZE).ravel()).reshape(2, 2) * _SIZE).ravel()
-        picture, corners = _shifted(np.ascontiguousarray(picture), corners, rng)
-        return self._dirt(picture, rng), corners
+        picture, sizes = laid.picture(np.asarray(self.train.pictures[i])), np.tile(_SIZE, 2)
+        box = laid.box(self.train.boxes[i] / sizes) * sizes
+        picture, box = _shifted(np.ascontiguousarray(picture), box, rng)
+        return self._dirt(picture, rng), box
 
     def loss(self, net: nn.Module, batch: Batch) -> Tensor:
         """Focal loss of the heat plus the logarithmic IoU of the boxes predicted near the centre."""
@@ -121,15 +117,13 @@ def target(box: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     rows, columns = COARSE_HEIGHT // STRIDE, COARSE_WIDTH // STRIDE
     if not np.isfinite(box[0]):
         return np.zeros((rows, columns), np.float32), np.ones((4, rows, columns), np.float32)
-    x, y = (np.arange(columns) + 0.5) * STRIDE, (np.arange(rows) + 0.5) * STRIDE
+    x, y = (np.arange(columns) + 0.5)[None] * STRIDE, (np.arange(rows) + 0.5)[:, None] * STRIDE
     u, v = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
     across, down = (max(extent / 10, 0.7 * STRIDE) for extent in (box[2] - box[0], box[3] - box[1]))
-    heat = np.exp(-0.5 * (((x[None] - u) / across) ** 2 + ((y[:, None] - v) / down) ** 2))
+    heat = np.exp(-0.5 * (((x - u) / across) ** 2 + ((y - v) / down) ** 2))
     heat[min(int(v / STRIDE), rows - 1), min(int(u / STRIDE), columns - 1)] = 1
-    reach = np.empty((4, rows, columns), np.float32)
-    reach[0], reach[2] = x[None] - box[0], box[2] - x[None]
-    reach[1], reach[3] = y[:, None] - box[1], box[3] - y[:, None]
-    return heat.astype(np.float32), np.maximum(reach, 1.0)
+    reach = np.stack(np.broadcast_arrays(x - box[0], y - box[1], box[2] - x, box[3] - y))
+    return heat.astype(np.float32), np.maximum(reach, 1.0).astype(np.float32)
 
 
 def focal(logits: Tensor, wanted: Tensor) -> Tensor:

@@ -40,10 +40,8 @@ class DetectedFrame:
     @property
     def overlap(self) -> float:
         """IoU with the labelled box; 0 where there is none of either."""
-        box = labels.box(self.frame.row)
-        if not self.frame.labelled or box is None or self.detection.box is None:
-            return 0.0
-        return float(iou(self.detection.box, box))
+        box, detected = self.frame.box, self.detection.box
+        return 0.0 if box is None or detected is None else float(iou(detected, box))
 
     @property
     def hit(self) -> bool:
@@ -110,7 +108,7 @@ def regression(detected: Sequence[DetectedFrame]) -> Calibration | None:
     detected : sequence of DetectedFrame
         By a detector that takes every presence for enough; hits and empty frames count.
     """
-    known = [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
+    known = _hits_and_false_boxes(detected)
     there = np.array([one.hit for one in known], float)
     if min(there.sum(), (1 - there).sum()) < _FEWEST:
         return None
@@ -124,6 +122,10 @@ def regression(detected: Sequence[DetectedFrame]) -> Calibration | None:
 
     slope, heat, offset = minimize(entropy, np.zeros(3), method="Nelder-Mead").x
     return Calibration(slope=float(np.exp(slope)), heat=float(np.exp(heat)), offset=float(offset))
+
+
+def _hits_and_false_boxes(detected: Sequence[DetectedFrame]) -> list[DetectedFrame]:
+    return [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
 
 
 def recalibrated(detected: Sequence[DetectedFrame], calibration: Calibration) -> list[DetectedFrame]:
@@ -143,11 +145,11 @@ def least_presence(detected: Sequence[DetectedFrame]) -> float:
     detected : sequence of DetectedFrame
         By a detector that takes every presence for enough; hits and empty frames count.
     """
-    positive = [one for one in detected if one.detection.found and (one.hit or not one.frame.labelled)]
-    if not positive:
+    known = _hits_and_false_boxes(detected)
+    if not known:
         return 0.5
-    logits = logit(np.clip([one.detection.score for one in positive], *_SURE))
-    there = np.array([one.hit for one in positive])
+    logits = logit(np.clip([one.detection.score for one in known], *_SURE))
+    there = np.array([one.hit for one in known])
     ends = np.sort(np.concatenate([logits, logit(_SURE)]))
     places = ends[:-1] + _UP * np.diff(ends)
     errors = np.array([(there & (logits < t)).sum() + _FALSE * (~there & (logits >= t)).sum() for t in places])
@@ -172,7 +174,7 @@ def errors_over_sd(detected: Sequence[DetectedFrame]) -> dict[str, Array]:
         found, row = one.detection, one.frame.row
         if not one.hit or found.box_sd_px is None or found.centre_sd_px is None or found.centre is None:
             continue
-        ratios["box"].append((found.box - labels.box(row)) / found.box_sd_px)  # type: ignore[operator]
+        ratios["box"].append((found.box - one.frame.box) / found.box_sd_px)  # type: ignore[operator]
         ratios["centre"].append((found.centre - labels.centre(row)) / found.centre_sd_px)
         if found.yaw is not None and found.yaw_sd is not None:
             ratios["yaw"].append(np.array([labels.half_turn(found.yaw - labels.yaw(row)) / found.yaw_sd]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -89,14 +90,11 @@ def crops(
     seed : int
         Of the places that are cut where nothing was suspected.
     """
-    boxes = [labels.box(frame.row) for frame in chosen]
-    sizes = np.array(
-        [b[2:] - b[:2] for frame, b in zip(chosen, boxes, strict=True) if frame.labelled and b is not None]
-    )
-    longest = sizes.max(axis=1) if len(sizes) else np.array([300.0])
+    boxes = [frame.box for frame in chosen]
+    longest = [(box[2:] - box[:2]).max() for box in boxes if box is not None] or [300.0]
 
     def make(i: int, picture: Picture) -> tuple[Picture, Sequence[Patch]]:
-        rng, truth = stream(seed, i, "negatives"), boxes[i] if chosen[i].labelled else None
+        rng, truth = stream(seed, i, "negatives"), boxes[i]
         others = [around(b, ROOM) for b in suspects[i] if truth is None or apart(around(b, 1.0).box, truth)]
         others = [others[k] for k in rng.permutation(len(others))]  # frames of a world suspect the same places
         while len(others) < 2:
@@ -113,7 +111,7 @@ def apart(box: Array, truth: Array) -> bool:
     return float(covered(box, truth)) < _APART
 
 
-def _anywhere(picture: Picture, longest: Array, truth: Array | None, rng: np.random.Generator) -> Patch:
+def _anywhere(picture: Picture, longest: Sequence[float], truth: Array | None, rng: np.random.Generator) -> Patch:
     """Draw a patch, of the size that a grab's would have, that is not about the grab, though it may show some of it."""
     h, w = picture.shape[:2]
     for _ in range(_TRIES):
@@ -130,13 +128,8 @@ class PoseTask:
     def __init__(self, train: Crops, validation: Crops) -> None:
         self.train, self._dirt = train, Dirt()
         rng = stream(0, 0, "validation")
-        self._validation = stack(
-            [
-                _example(validation, i, other, rng, None)
-                for i in range(len(validation.frames))
-                for other in (False, True)
-            ]
-        )
+        both = itertools.product(range(len(validation.frames)), (False, True))
+        self._validation = stack([_example(validation, i, other, rng, None) for i, other in both])
 
     @property
     def examples(self) -> int:
@@ -222,16 +215,14 @@ def _example(
 ) -> dict[str, NDArray[np.generic]]:
     """Cut one example out of a cached crop; without dirt as it is seen at work, and not turned."""
     frame = crops.frames[i]
-    there = frame.labelled and not other
-    slot = 1 if other else 0
-    patch, row = crops.patches[i][slot], frame.row
-    box = labels.box(row) if there else None
+    patch, row = crops.patches[i][other], frame.row
+    box = None if other else frame.box
     edges = np.array([0, 0, row.width_px, row.height_px])
     if dirt and rng.random() < _CUT_SHARE:
         edges = _nearer(edges, around(patch.box, 1 / ROOM).box if box is None else box, rng)
     seen = None if box is None else np.clip(box, np.tile(edges[:2], 2), np.tile(edges[2:], 2))
     window = _window(patch, seen, rng)
-    picture = cut(np.asarray(crops.crops[i, slot]), window, POSE_SIZE, POSE_SIZE)
+    picture = cut(np.asarray(crops.crops[i, int(other)]), window, POSE_SIZE, POSE_SIZE)
     corner, extent = patch.to_picture(window.corner / CROP), patch.size * window.size / CROP
     (width, height), first = edges[2:] - edges[:2], corner - edges[:2]
     inside = mask(width, height, first, extent, POSE_SIZE)
@@ -258,7 +249,7 @@ def _example(
         "places": np.where(known, wanted, 0).astype(np.float32),
         "known": known.astype(np.float32),
         "turned": doubled(yaw),
-        "present": np.float32(there),
+        "present": np.float32(frame.labelled and not other),
     }
 
 

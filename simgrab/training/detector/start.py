@@ -105,12 +105,9 @@ def _weights(path: Path) -> list[tuple[Array, Array]]:
     """Weights and biases of a file's layers, in the order in which they run, in single precision."""
     graph = onnx.load_from_string(path.read_bytes()).graph
     known = {tensor.name.removesuffix("_half"): numpy_helper.to_array(tensor) for tensor in graph.initializer}
-    found = [[known.get(name) for name in node.input[1:3]] for node in graph.node if node.op_type in _NODES]
-    return [
-        (weight.astype(np.float32), bias.astype(np.float32))
-        for weight, bias in (pair for pair in found if len(pair) == 2)
-        if weight is not None and bias is not None
-    ]
+    inputs = [node.input[1:3] for node in graph.node if node.op_type in _NODES]
+    pairs = [[known[name].astype(np.float32) for name in names if name in known] for names in inputs]
+    return [(pair[0], pair[1]) for pair in pairs if len(pair) == 2]
 
 
 def _layers(net: nn.Module, example: Tensor) -> list[tuple[_Layer, nn.BatchNorm2d | None]]:

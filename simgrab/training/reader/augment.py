@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
 from simgrab.instrument.read.crops import Crops, Picture, entered
+from simgrab.model.geometry import Array
 from simgrab.training.reader.cells import SPARE_PX
 
 JPEG_BLOCK_PX = 8
@@ -66,9 +69,7 @@ def _small(box: Picture, rng: np.random.Generator) -> Picture:
     size = np.array(seen.shape[::-1])
     middle = (size - 1) / 2
     offset = middle - scale * middle + rng.uniform(-0.4, 0.4, 2) * (scale - 1) * size
-    m = np.column_stack([np.diag(scale), offset])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(seen, m, seen.shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE))
+    return _warped(seen, scale, offset, seen.shape[::-1])
 
 
 def _moved(box: Picture, rng: np.random.Generator) -> Picture:
@@ -82,12 +83,16 @@ def _moved(box: Picture, rng: np.random.Generator) -> Picture:
         shift += rng.uniform(-0.5, 0.5, 2) * np.maximum(scale - 1, 0) * (width, height)
     middle = np.array([box.shape[1] - 1, box.shape[0] - 1]) / 2
     target = np.array([width - 1, height - 1]) / 2
-    m = np.array([[scale[0], 0, middle[0] + shift[0] - scale[0] * target[0]],
-                  [0, scale[1], middle[1] + shift[1] - scale[1] * target[1]]])  # fmt: skip
+    offset = middle + shift - scale * target
     if rng.random() < 0.3:  # as it lies on its pixels
-        m = np.array([[1.0, 0, SPARE_PX + round(shift[0])], [0, 1.0, SPARE_PX + round(shift[1])]])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(box, m, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE))
+        scale, offset = np.ones(2), SPARE_PX + shift.round()
+    return _warped(box, scale, offset, (width, height))
+
+
+def _warped(box: Picture, scale: Array, offset: Array, size: Sequence[int]) -> Picture:
+    """Return a picture of a size, (w, h), that shows at each place what is at ``scale * place + offset`` of a box."""
+    m, flags = np.column_stack([np.diag(scale), offset]), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(box, m, size, flags=flags, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _coarser(box: Picture, rng: np.random.Generator) -> Picture:

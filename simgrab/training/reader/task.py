@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from simgrab.errors import DatasetError
-from simgrab.instrument.read.crops import INPUT_PX, Crops
+from simgrab.instrument.read.crops import Crops
 from simgrab.instrument.read.reader import HIGHEST_THRESHOLD, NO_DIGIT
 from simgrab.model.rng import stream
 from simgrab.training.copies import Batch
@@ -52,11 +52,8 @@ class Digits:
 
     def batch(self, chosen: NDArray[np.int64], rng: np.random.Generator) -> Batch:
         """Alter the chosen cells."""
-        entered = np.empty((len(chosen), 1, INPUT_PX, INPUT_PX), np.float32)
-        digits = np.empty(len(chosen), np.int64)
-        for k, i in enumerate(self._order[chosen]):
-            entered[k, 0], digits[k] = self._example(int(i), rng)
-        return {"crops": torch.from_numpy(entered), "digits": torch.from_numpy(digits)}
+        crops, digits = zip(*(self._example(int(i), rng) for i in self._order[chosen]), strict=True)
+        return {"crops": torch.from_numpy(np.stack(crops)[:, None]), "digits": torch.tensor(digits)}
 
     def _example(self, i: int, rng: np.random.Generator) -> tuple[Crops, int]:
         box, digit = self._cells.boxes[i], int(self._cells.digits[i])
@@ -75,12 +72,7 @@ class Digits:
     def validate(self, net: nn.Module) -> dict[str, float]:
         """Shares of altered cells with and without a digit read right, and the score: less the mean cross entropy."""
         device = next(net.parameters()).device
-        logits = torch.cat(
-            [
-                net(torch.from_numpy(part).to(device)).cpu()
-                for part in np.split(self.crops, range(4096, len(self.crops), 4096))
-            ]
-        )
+        logits = torch.cat([net(part.to(device)).cpu() for part in torch.split(torch.from_numpy(self.crops), 4096)])
         digits = torch.from_numpy(self.digits)
         right = (logits.argmax(1) == digits).numpy()
         shown = self.digits != NO_DIGIT

@@ -100,7 +100,7 @@ def sensors(
     scenario = recipe.scenario
     if not scenario.sensors:
         raise ScenarioError("sensors", 'there are none; add one, such as imu0 = { model = "imu", mount = "grab" }')
-    count, number = scenario.clip.count(scenario.frames), operator.index(clip)
+    count, number = scenario.clip_count, operator.index(clip)
     if not -count <= number < count:
         raise IndexError(f"clip {number} is out of range: the scenario has {count} clips")
     number %= count
