@@ -50,10 +50,11 @@ def assembled(keys: Assembled) -> Design:
     else:
         steel += vessel(d, chance)
         max_jaw = 0.0
-    return kit.standing(
+    rough = Design(
         [kit.body("head", steel), *bodies], lambda opening: {name: at(opening) for name, at in positions.items()},
-        max_jaw, rope_ends(d, keys.ropes), volume_m3=keys.volume_m3, lips=_lips(d, azimuths), heaps=_heaps(d),
+        max_jaw, rope_ends(d, keys.ropes), lips=_lips(d, azimuths), heaps=_heaps(d),
     )  # fmt: skip
+    return kit.standing(rough, keys.volume_m3)
 
 
 def _lips(d: Dimensions, azimuths: list[float]) -> dict[str, Array]:

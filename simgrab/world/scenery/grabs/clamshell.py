@@ -55,7 +55,8 @@ class _Clam(Shells):
         self.ropes_m = ropes_m or (max(0.9 * self.sheave_r, 0.14), 0.34 * s.y)
 
     def design(self) -> Design:
-        return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+        design = self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+        return kit.standing(design, self.keys.volume_m3)
 
     def _roped(self) -> Design:
         crank = SliderCrank(self.hinge, self.head_pin, self.shell_pin)
@@ -79,9 +80,9 @@ class _Clam(Shells):
         ropes = self._ends()
         r = 0.9 * self.sheave_r
         falls = [((x, y, self.sheave_z), (x, y, self.beam_sheave_z - hz)) for y in self.sheave_y for x in (-r, r)]
-        return kit.standing(
-            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
-            closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self.lips(), heaps=self.heaps(),
+        return Design(
+            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, kit.closing(len(ropes)), np.array(falls),
+            lips=self.lips(), heaps=self.heaps(),
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
@@ -110,10 +111,7 @@ class _Clam(Shells):
                 "piston_outer": out, "piston_inner": out,
             }  # fmt: skip
 
-        return kit.standing(
-            bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3, lips=self.lips(),
-            heaps=self.heaps(),
-        )  # fmt: skip
+        return Design(bodies, positions, float(MAX_JAW), self._ends(), lips=self.lips(), heaps=self.heaps())
 
     # The outer shell.
 
@@ -208,8 +206,7 @@ class _Clam(Shells):
     # Head, closed.
 
     def _ends(self) -> Array:
-        height = 5.4 * kit.shackle_radius(self.scale.mean) if self.keys.ropes == 1 else 0.42
-        return kit.ends(self.keys.ropes, *self.ropes_m, self.deck_z + height)
+        return kit.ends_over(self.keys.ropes, *self.ropes_m, self.deck_z, self.scale.mean)
 
     def _head(self) -> list[Part]:
         keys, s = self.keys, self.scale

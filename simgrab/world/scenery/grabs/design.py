@@ -121,8 +121,8 @@ class Design:
     closing: Sequence[int] = ()
     falls: Array = field(default_factory=lambda: NO_ROPES)
     leads: Array = field(default_factory=lambda: NO_ROPES)
-    falls_from: str = ""
-    falls_to: str = ""
+    falls_from: str = "head"
+    falls_to: str = "beam"
     lips: Mapping[str, Array] = field(default_factory=dict)
     heaps: Heaps = _no_heaps
     cargo_kg: float = 0.0

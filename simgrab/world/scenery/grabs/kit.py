@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -15,7 +15,7 @@ from trimesh.transformations import translation_matrix
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Shaped
 from simgrab.world.scenery import textures
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, NO_ROPES, Body, Design, Heaps
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
 from simgrab.world.scenery.grabs.slider_crank import Cylinder
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
@@ -109,42 +109,27 @@ def turned(parts: Sequence[Part], azimuth: float) -> list[Part]:
     return [part.moved(pose) for part in parts]
 
 
-def standing(
-    bodies: Sequence[Body],
-    positions: Callable[[float], Mapping[str, float]],
-    max_jaw: float,
-    terminations: Array,
-    *,
-    volume_m3: float,
-    closing: Sequence[int] = (),
-    falls: Array = NO_ROPES,
-    leads: Array = NO_ROPES,
-    between: tuple[str, str] = ("head", "beam"),
-    lips: Mapping[str, Array],
-    heaps: Heaps,
-) -> Design:
-    """Make a design of bodies that stand on z = 0, the head first: A comes to half the height of the closed grab.
+def standing(design: Design, volume_m3: float) -> Design:
+    """Move a design whose closed grab stands on z = 0, and holds a volume: A comes to half its height.
 
-    Heights of the head, its pins, terminations, ends of falls in the head and heaps are above z = 0.
-    ``between`` names the bodies in whose frames falls end; ``leads`` go from the head to the first of them.
+    Heights of the head, its pins, terminations, ends of ropes in the head and heaps are above z = 0.
     """
-    rough = Design(bodies, positions, max_jaw, terminations)
-    heights = np.concatenate(list(rough.points(0.0).values()))[:, 2]
+    heights = np.concatenate(list(design.points(0.0).values()))[:, 2]
     down = np.array([0.0, 0.0, -(float(heights.min()) + float(heights.max())) / 2])
     pose = translation_matrix(down)
-    head, *others = bodies
+    head, *others = design.bodies
     shifted = [replace(head, parts=[part.moved(pose) for part in head.parts])]
     for one in others:
         x, y, z = one.pin
         shifted.append(replace(one, pin=(x, y, z + float(down[2]))) if one.parent == head.name else one)
 
     def lowered(cargo: str, rng: np.random.Generator) -> list[Part]:
-        return [part.moved(pose) for part in heaps(cargo, rng)]
+        return [part.moved(pose) for part in design.heaps(cargo, rng)]
 
+    none = np.zeros(3)
+    falls = design.falls + [down if design.falls_from == head.name else none, none]
     return replace(
-        rough, bodies=shifted, terminations=terminations + down, closing=closing, lips=lips,
-        falls=falls + [down if body == head.name else np.zeros(3) for body in between],
-        leads=leads + [down, np.zeros(3)], falls_from=between[0], falls_to=between[1],
+        design, bodies=shifted, terminations=design.terminations + down, falls=falls, leads=design.leads + [down, none],
         heaps=lowered, cargo_kg=volume_m3 * CARGO_KG_M3,
     )  # fmt: skip
 
@@ -168,6 +153,11 @@ def ends(count: int, half_x: float, half_y: float, z: float) -> Array:
         4: [(half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y)],
     }[count]
     return np.array([(x, y, z) for x, y in at])
+
+
+def ends_over(count: int, half_x: float, half_y: float, deck: float, size: float) -> Array:
+    """Return `ends` as high over a deck as sockets are, or the `shackle` of a single rope for a grab of a size."""
+    return ends(count, half_x, half_y, deck + (5.4 * shackle_radius(size) if count == 1 else 0.42))
 
 
 def closing(count: int) -> tuple[int, ...]:
@@ -256,10 +246,9 @@ def cylinder_parts(
 def shackle(z: float, radius: float) -> trimesh.Trimesh:
     """Return a swivel and shackle, and the hook block above them, on the axis from ``z`` upwards; 5.5 radii high."""
     stem = rod((0, 0, z), (0, 0, z + 1.2 * radius), 0.45 * radius, 14)
-    bow = join(
-        rod(_on_bow(a, radius, z), _on_bow(b, radius, z), 0.2 * radius, 8)
-        for a, b in pairwise(np.linspace(-2.2, 2.2, 9).tolist())
-    )
+    angle = np.linspace(-2.2, 2.2, 9)
+    arc = np.stack([0.75 * radius * np.sin(angle), 0 * angle, z + 1.9 * radius + 0.9 * radius * np.cos(angle)], axis=1)
+    bow = join(rod(a, b, 0.2 * radius, 8) for a, b in pairwise(arc))
     block = shapes.block(
         (-0.55 * radius, -0.9 * radius, z + 2.6 * radius),
         (0.55 * radius, 0.9 * radius, z + 5.2 * radius),
@@ -272,10 +261,6 @@ def shackle(z: float, radius: float) -> trimesh.Trimesh:
 def shackle_radius(size: float) -> float:
     """Return the radius of a `shackle` for a grab of a size, in units of its kind's proportions, m."""
     return 0.07 + 0.06 * size
-
-
-def _on_bow(angle: float, radius: float, z: float) -> tuple[float, float, float]:
-    return float(0.75 * radius * np.sin(angle)), 0.0, float(z + 1.9 * radius + 0.9 * radius * np.cos(angle))
 
 
 def ladder(x: float, half_width: float, y: float, low: float, high: float) -> trimesh.Trimesh:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from simgrab.model.geometry import Array
 from simgrab.model.scenario.grab import OrangePeel
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import Design, Heaps
+from simgrab.world.scenery.grabs.design import Body, Design, Heaps
 from simgrab.world.scenery.grabs.kit import Scale
 from simgrab.world.scenery.grabs.slider_crank import Cylinder, SliderCrank
 from simgrab.world.scenery.meshes import shapes
@@ -60,19 +60,19 @@ class _Peel:
         self.sheave_r, self.sheave_z = _SHEAVE_R * min(s.x, s.z) * 0.9, _CROWN[0] * s.z + 0.02
 
     def design(self) -> Design:
-        return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+        design = self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+        return kit.standing(design, self.keys.volume_m3)
 
     def _roped(self) -> Design:
         crank = SliderCrank(self.hinge, self.head_pin, self.jaw_pin)
-        (hx, hz), (px, pz) = self.hinge, self.head_pin
+        hx, hz = self.hinge
         beam = kit.placed(self._beam(), (0, 0, hz))
-        bodies = [kit.body("head", self._head())]
-        bodies.append(kit.body("beam", beam, "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True))
-        tine, bar = self._tine(), self._rod()
-        for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"tine_{k}", tine, "beam", azimuth, (hx, 0.0), (hx, hz)))
-        for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"rod_{k}", bar, "head", azimuth, (px, pz), (px, pz)))
+        bodies = [
+            kit.body("head", self._head()),
+            kit.body("beam", beam, "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True),
+            *self._round("tine", self._tine(), "beam", (hx, 0.0), self.hinge),
+            *self._round("rod", self._rod(), "head", self.head_pin, self.head_pin),
+        ]
         count = self.keys.tines
 
         def positions(jaw: float) -> dict[str, float]:
@@ -83,21 +83,20 @@ class _Peel:
         ropes = self._ends()
         r, low = self.sheave_r, 0.11 * self.scale.z
         falls = [((x, y, self.sheave_z), (x, y, low)) for x in (-r, r) for y in self.sheave_y]
-        return kit.standing(
-            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
-            closing=kit.closing(len(ropes)), falls=np.array(falls),
+        return Design(
+            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, kit.closing(len(ropes)), np.array(falls),
             lips=kit.tips("tine", self.azimuths, self.hinge), heaps=self._heaps(),
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
         cylinder = Cylinder(self.hinge, self.scale.at(*_CYLINDER_HEAD_PIN), self.jaw_pin)
-        (hx, hz), (px, pz) = self.hinge, cylinder.head_pin
+        px, pz = cylinder.head_pin
         end = np.subtract(self.tine_pin, cylinder.head_pin)
         along = end / np.linalg.norm(end)
-        bodies = [kit.body("head", [*self._head(), self._column(), *self._beam()])]
-        tine = self._tine()
-        for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"tine_{k}", tine, "head", azimuth, (hx, hz), (hx, hz)))
+        bodies = [
+            kit.body("head", [*self._head(), self._column(), *self._beam()]),
+            *self._round("tine", self._tine(), "head", self.hinge, self.hinge),
+        ]
         barrel, piston = kit.cylinder_parts(cylinder, 0.055 * self.scale.mean + 0.02, (0.8, 0.75), 0.05, MAX_JAW, 0.0)
         for k, azimuth in enumerate(self.azimuths):
             bodies.append(kit.hinged(f"barrel_{k}", barrel, "head", azimuth, (px, pz), (px, pz)))
@@ -112,10 +111,14 @@ class _Peel:
             turns = {f"tine_{k}": -jaw for k in range(count)} | {f"barrel_{k}": angle for k in range(count)}
             return turns | {f"piston_{k}": out for k in range(count)}
 
-        return kit.standing(
-            bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3,
-            lips=kit.tips("tine", self.azimuths, self.hinge), heaps=self._heaps(),
-        )  # fmt: skip
+        lips = kit.tips("tine", self.azimuths, self.hinge)
+        return Design(bodies, positions, float(MAX_JAW), self._ends(), lips=lips, heaps=self._heaps())
+
+    def _round(
+        self, name: str, parts: list[Part], parent: str, pin: tuple[float, float], origin: tuple[float, float]
+    ) -> list[Body]:
+        """Make a body for each tine, as `hinged` does."""
+        return [kit.hinged(f"{name}_{k}", parts, parent, at, pin, origin) for k, at in enumerate(self.azimuths)]
 
     # The tine, in the plane y = 0.
 
@@ -218,10 +221,8 @@ class _Peel:
     # Head and lower block, round the axis.
 
     def _ends(self) -> Array:
-        top = _CROWN[1] * self.scale.z
         half = 0.17 * self.scale.x
-        height = 5.4 * kit.shackle_radius(self.scale.mean) if self.keys.ropes == 1 else 0.42
-        return kit.ends(self.keys.ropes, half, 1.4 * half, top + height)
+        return kit.ends_over(self.keys.ropes, half, 1.4 * half, _CROWN[1] * self.scale.z, self.scale.mean)
 
     def _head(self) -> list[Part]:
         keys, s = self.keys, self.scale
