@@ -183,15 +183,11 @@ class _Peel:
         low, high = (kit.offset(line, d)[index] for d in (t - 0.003, t + height))
         angle = float(self._half_angle(np.maximum(line[index, :1], 0.012), line[index, 1:])[0]) * 0.96
         around = np.linspace(-angle, angle, 7)
-        thick = np.array([0.0, 0.016 + 0.008 * self.scale.mean])
         along = np.gradient(line, axis=0)[index]
-        along = along / np.linalg.norm(along)
-        points = []
-        for end in (low, high):
-            for depth in thick:
-                r, z = end + depth * along
-                points.append(np.stack([r * np.cos(around), r * np.sin(around), np.full(7, z)], axis=-1))
-        return shapes.outward(kit.heap(np.stack([points[2], points[3]]), np.stack([points[0], points[1]])))
+        thick = (0.016 + 0.008 * self.scale.mean) * (along / np.linalg.norm(along))
+        r, z = np.stack([low, low + thick, high, high + thick], axis=1)[..., None]
+        edges = np.stack([r * np.cos(around), r * np.sin(around), np.broadcast_to(z, (4, 7))], axis=-1)
+        return shapes.outward(kit.heap(edges[2:], edges[:2]))
 
     def _tip(self, height: float, half: float) -> trimesh.Trimesh:
         """Cast tip on the lower end of a tine; with teeth it is longer and pointed."""
@@ -247,9 +243,7 @@ class _Peel:
         else:
             parts += kit.holders(self._ends(), roped, 0.40, 0.42)
         if roped:
-            sheaves = join(shapes.sheave((0.0, y, self.sheave_z), self.sheave_r, 0.016) for y in self.sheave_y)
-            shaft = pin(0.0, self.sheave_z, -0.30 * s.x, 0.30 * s.x, 0.04 + 0.01 * s.mean)
-            parts += [Part("sheaves", sheaves, BARE.dark), Part("shaft", shaft, BARE.dark)]
+            parts += self._sheaves(self.sheave_z, 0.30 * s.x)
         else:
             tank = prism(_ngon(0.30 * s.x, 16), high - 0.01, high + 0.16 * s.z, "z")
             motor = shapes.block((0.05 * s.x, -0.12 * s.x, high), (0.36 * s.x, 0.12 * s.x, high + 0.10 * s.z), 0.01)
@@ -272,8 +266,7 @@ class _Peel:
         low, high = (z * s.z for z in _CROWN)
         foot = shapely.box(0.30 * s.x, low + 0.02, 0.38 * s.x, high - 0.03)
         lug = hull(circle(ax, az, eye), foot)
-        one = join([prism(lug, o - thick / 2, o + thick / 2) for o in (-apart, apart)])
-        return join(part.mesh for a in self.azimuths for part in kit.turned([Part("lug", one, BARE.body)], a))
+        return self._at_tines(join(prism(lug, o - thick / 2, o + thick / 2) for o in (-apart, apart)))
 
     def _column(self) -> Part:
         """Column of a hydraulic grab, from the head down to the tines' hinges."""
@@ -288,22 +281,27 @@ class _Peel:
         hub = prism(_ngon(radius, 24), hz - 0.10 * s.z, hz + 0.08 * s.z, "z")
         eye, apart = 0.06 * s.mean + 0.02, 0.035 * s.mean + 0.008
         lug = hull(circle(hx, hz, eye), shapely.box(0.4 * hx, hz - 0.09 * s.z, 0.6 * hx, hz + 0.07 * s.z))
-        one = Part("lug", join([prism(lug, o - thick / 4, o + thick / 4) for o in (-apart, apart)]), BARE.body)
-        lugs = join(part.mesh for a in self.azimuths for part in kit.turned([one], a))
+        lugs = self._at_tines(join(prism(lug, o - thick / 4, o + thick / 4) for o in (-apart, apart)))
         parts = [Part("hub", hub, BARE.body), Part("lugs", lugs, BARE.body)]
         if self.keys.drive == "ropes":
             z = hz + 0.11 * s.z
-            sheaves = join(shapes.sheave((0.0, y, z), self.sheave_r, 0.016) for y in self.sheave_y)
-            shaft = pin(0.0, z, -0.29 * s.x, 0.29 * s.x, 0.04 + 0.01 * s.mean)
             foot = shapely.box(-0.5 * radius, hz, 0.5 * radius, hz + 0.05 * s.z)
             cheek = hull(circle(0.0, z, 0.6 * self.sheave_r), foot)
             places = (-0.29 * s.x, 0.29 * s.x, self.sheave_y[1] + 0.06, self.sheave_y[2] - 0.06)
-            parts += [
-                Part("sheaves", sheaves, BARE.dark),
-                Part("shaft", shaft, BARE.dark),
-                Part("plates", join(prism(cheek, y - 0.008, y + 0.008) for y in places), BARE.body),
-            ]
+            plates = join(prism(cheek, y - 0.008, y + 0.008) for y in places)
+            parts += [*self._sheaves(z, 0.29 * s.x), Part("plates", plates, BARE.body)]
         return parts
+
+    def _sheaves(self, z: float, half: float) -> list[Part]:
+        """Sheaves at a height, on a shaft that reaches ``half`` to either side."""
+        wheels = join(shapes.sheave((0.0, y, z), self.sheave_r, 0.016) for y in self.sheave_y)
+        shaft = pin(0.0, z, -half, half, 0.04 + 0.01 * self.scale.mean)
+        return [Part("sheaves", wheels, BARE.dark), Part("shaft", shaft, BARE.dark)]
+
+    def _at_tines(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+        """Repeat a mesh at the azimuth of every tine."""
+        part = Part("", mesh, BARE.body)
+        return join(kit.turned([part], azimuth)[0].mesh for azimuth in self.azimuths)
 
     def _heaps(self) -> Heaps:
         if self.keys.shells == "open":

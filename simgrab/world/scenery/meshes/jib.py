@@ -37,21 +37,19 @@ _LENS = Material("jib_lens", rgba=(0.92, 0.93, 0.88, 1.0), specular=0.9, shinine
 def jib_parts(ropes: Ropes) -> tuple[Part, ...]:
     """Return the parts of a jib head for these ropes in the jib frame."""
     dark = Material("jib_dark", texture=textures.load("grease"), tile_m=0.6, specular=0.35)
-    fixed_trunk, *rest = _fixed_parts()
     return (
         Part("cheeks", _cheeks(ropes), _PAINT),
         Part("guards", _guards(ropes), _YELLOW),
-        fixed_trunk,
         Part("sheaves", _sheaves(ropes), dark),
         Part("shafts", _shafts(ropes), dark),
-        *rest,
+        *_fixed_parts(),
         *_rope_runs(ropes),
     )
 
 
 @cache
 def _fixed_parts() -> tuple[Part, ...]:
-    """Return the parts that no rope changes, the trunk first."""
+    """Return the parts that no rope changes."""
     return (
         Part("trunk", _trunk(), _PAINT),
         Part("platform", platform_frame(), _PAINT),

@@ -103,14 +103,8 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
     """Return a grooved sheave about the y axis; a rope's centre line runs on its pitch radius."""
     bottom, rim, half = pitch_radius - rope_radius, pitch_radius + 1.6 * rope_radius, 2.4 * rope_radius
     inner, hub = bottom - 1.0 * rope_radius, max(0.25 * pitch_radius, 0.045)
-    side = [
-        (hub * 0.5, half * 1.15),
-        (hub, half * 1.15),
-        (hub, half * 0.4),
-        (inner, half * 0.4),
-        (inner, half),
-        (rim, half),
-    ]
+    boss, web = half * 1.15, half * 0.4
+    side = [(hub * 0.5, boss), (hub, boss), (hub, web), (inner, web), (inner, half), (rim, half)]
     groove = (bottom, 0.3 * half)
     outline = [*side, groove, *[(r, -o) for r, o in reversed([*side, groove])]]
     mesh = turned(outline, sections)
@@ -121,6 +115,13 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
 def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
     """Put closed meshes into one, vertices unmerged, so that it stays watertight."""
     return trimesh.util.concatenate(list(meshes))
+
+
+def walls(rings: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the triangles between closed rings of points, given by their numbers (k, n), each joined to the next."""
+    i, j = rings, np.roll(rings, -1, axis=1)
+    ways = np.stack([i[:-1], j[:-1], j[1:]], axis=-1), np.stack([i[:-1], j[1:], i[1:]], axis=-1)
+    return np.stack(ways, axis=1).reshape(-1, 3)
 
 
 def grid(n: int, m: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from simgrab.world.scenery.meshes import shapes as steel
 
 Vector = NDArray[np.float64]
+join = steel.join
 
 
 def box(low: ArrayLike, high: ArrayLike) -> trimesh.Trimesh:
@@ -69,14 +70,13 @@ def plates(outline: Sequence[Sequence[float]], middles: Iterable[float], half: f
 
 def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
     """Join rings of equally many points (counter-clockwise seen from the last ring) and cap both ends."""
-    ring = [np.asarray(r, float) for r in rings]
-    n = len(ring[0])
-    vertices = np.concatenate([*ring, [ring[0].mean(axis=0), ring[-1].mean(axis=0)]])
-    i = np.arange(n)
-    j = (i + 1) % n
-    last, bottom, top = (len(ring) - 1) * n, len(vertices) - 2, len(vertices) - 1
-    caps = [np.stack([j, i, np.full(n, bottom)], 1), np.stack([last + i, last + j, np.full(n, top)], 1)]
-    return steel.solid(vertices, np.concatenate([*_walls(range(len(ring)), n), *caps]))
+    points = np.array(rings, float)
+    vertices = np.concatenate([*points, points[[0, -1]].mean(axis=1)])
+    numbers = np.arange(len(vertices) - 2).reshape(points.shape[:2])
+    bottom, top = (np.full(points.shape[1], len(vertices) - end) for end in (2, 1))
+    first, last = numbers[0], numbers[-1]
+    caps = [np.stack([np.roll(first, -1), first, bottom], 1), np.stack([last, np.roll(last, -1), top], 1)]
+    return steel.solid(vertices, np.concatenate([steel.walls(numbers), *caps]))
 
 
 def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Trimesh:
@@ -84,21 +84,11 @@ def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Tri
 
     The walls are closed at the first and the last ring by a lip, so that the vessel is a watertight solid.
     """
-    outer = [np.asarray(r, float) for r in rings]
-    inner = []
-    for ring, wall in zip(outer, thickness, strict=True):
-        centre = ring.mean(axis=0)
-        inner.append(ring - np.sign(ring - centre) * [wall, wall, 0.0])
-    loop = [*outer, *inner[::-1]]
-    return steel.solid(np.concatenate(loop), np.concatenate(_walls([*range(len(loop)), 0], len(outer[0]))))
-
-
-def _walls(rings: Iterable[int], n: int) -> list[NDArray[np.int64]]:
-    """Faces between rings of ``n`` points, given by their numbers, each joined to the next."""
-    i = np.arange(n)
-    j = (i + 1) % n
-    return [np.stack(way, 1) for a, b in pairwise(np.array(rings) * n)
-            for way in ((a + i, a + j, b + j), (a + i, b + j, b + i))]  # fmt: skip
+    outer = np.array(rings, float)
+    walls = np.multiply.outer(thickness, (1.0, 1.0, 0.0))[:, None]
+    loop = np.concatenate([outer, (outer - np.sign(outer - outer.mean(axis=1, keepdims=True)) * walls)[::-1]])
+    numbers = np.arange(loop.size // 3).reshape(loop.shape[:2])
+    return steel.solid(loop.reshape(-1, 3), steel.walls(np.vstack([numbers, numbers[:1]])))
 
 
 def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] = (0.0, 0.0)) -> Vector:
@@ -147,11 +137,6 @@ def ladder(foot: ArrayLike, top: ArrayLike, *, width: float = 0.45, side: ArrayL
         at = foot + (top - foot) * share
         solids.append(bar(at - half, at + half, 0.014, sides=5))
     return join(solids)
-
-
-def join(solids: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
-    """Put several solids into one mesh; each stays closed by itself."""
-    return trimesh.util.concatenate(list(solids))
 
 
 def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Vector:
