@@ -60,6 +60,24 @@ def toned(picture: Picture, drawn: Sequence[Plane], level: int, span: int, norm:
     return np.asarray(cv2.multiply(picture, cv2.merge([tone] * 3), scale=1 / norm), np.uint8)
 
 
+_Window = tuple[slice, slice]
+
+
+def _filled(
+    corners: NDArray[np.float64], side: int, margin: int, value: np.uint8 | np.float32
+) -> tuple[_Window, NDArray[Any]]:
+    """Fill a polygon (pixels) with a value: a window around it, within a square picture, and its mask there.
+
+    OpenCV smooths the edges of bytes alone.
+    """
+    low = np.maximum(np.floor(corners.min(0)).astype(int) - margin, 0)
+    high = np.maximum(np.minimum(np.ceil(corners.max(0)).astype(int) + margin, side), low)
+    mask = np.zeros(tuple(high[::-1] - low[::-1]), value.dtype)
+    if mask.size:
+        cv2.fillPoly(mask, [np.round((corners - low - 0.5) * 16).astype(np.int32)], float(value), cv2.LINE_AA, 4)
+    return np.s_[low[1] : high[1], low[0] : high[0]], mask
+
+
 _Method = TypeVar("_Method", bound=Callable[..., None])
 _Scattered = tuple[tuple[int, int, int, int], list[Plane], Picture]
 """The window of pixels that holds cargo, its unevenness and its grit."""
@@ -124,26 +142,21 @@ class Canvas:
         self._wear = cv2.resize(cloud((n, n), wear), self.picture.shape[:2])
 
     @_later
-    def paint(self, outline: ArrayLike, colour: Colour, *, opacity: float = 1.0, wear: float = 0.4) -> None:
+    def paint(self, outline: ArrayLike, colour: Colour, *, opacity: float = 1.0, wear: float) -> None:
         """Fill a polygon (metres) with road paint; ``wear`` in [0, 1] is the share that has come off."""
-        corners = self.pixels(outline)
-        low = np.maximum(np.floor(corners.min(0)).astype(int) - 2, 0)
-        high = np.minimum(np.ceil(corners.max(0)).astype(int) + 3, len(self.picture))
-        if (high <= low).any():
-            return
-        window = np.s_[low[1] : high[1], low[0] : high[0]]
-        mask = np.zeros(tuple(high[::-1] - low[::-1]), np.uint8)
-        cv2.fillPoly(mask, [np.round((corners - low - 0.5) * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
-        left = np.clip((self._wear[window] - wear * 0.9) * 5 + 0.25, 0.04, 1.0)
-        alpha = mask.astype(np.float32) * (opacity / 255) * left
-        fill = np.empty((*mask.shape, 3), np.uint8)
-        fill[:] = colour
-        self.picture[window] = cv2.blendLinear(
-            np.ascontiguousarray(self.picture[window]), fill, 1 - alpha, alpha.astype(np.float32)
-        )
+        window, mask = _filled(self.pixels(outline), len(self.picture), 3, np.uint8(255))
+        if mask.size:
+            alpha = mask.astype(np.float32) * (opacity / 255) * self._left(window, wear)
+            fill = np.full((*mask.shape, 3), colour, np.uint8)
+            below = np.ascontiguousarray(self.picture[window])
+            self.picture[window] = cv2.blendLinear(below, fill, 1 - alpha, alpha)
+
+    def _left(self, window: _Window, wear: float) -> Plane:
+        """Return the share of road paint that is left in a window."""
+        return np.clip((self._wear[window] - wear * 0.9) * 5 + 0.25, 0.04, 1.0)
 
     def stripe(
-        self, start: ArrayLike, end: ArrayLike, width: float, colour: Colour, *, opacity: float = 1.0, wear: float = 0.4
+        self, start: ArrayLike, end: ArrayLike, width: float, colour: Colour, *, opacity: float = 1.0, wear: float
     ) -> None:
         """Paint a straight line of a given width (metres)."""
         a, b = np.asarray(start, float), np.asarray(end, float)
@@ -153,7 +166,7 @@ class Canvas:
 
     @_later
     def text(
-        self, words: str, at: ArrayLike, height: float, colour: Colour, *, turned: bool = False, wear: float = 0.4
+        self, words: str, at: ArrayLike, height: float, colour: Colour, *, turned: bool = False, wear: float
     ) -> None:
         """Stencil block letters centred at a point (metres); ``turned`` reads along y."""
         scale = height * self.per_m / 21
@@ -168,25 +181,18 @@ class Canvas:
         if min(column, row) < 0 or max(column + mask.shape[1], row + mask.shape[0]) > len(self.picture):
             return
         window = np.s_[row : row + mask.shape[0], column : column + mask.shape[1]]
-        left = np.clip((self._wear[window] - wear * 0.9) * 5 + 0.25, 0.04, 1.0)
-        alpha = mask[..., None] / 255.0 * left[..., None]
+        alpha = mask[..., None] / 255.0 * self._left(window, wear)[..., None]
         self.picture[window] = self.picture[window] * (1 - alpha) + np.array(colour) * alpha
 
     @_later
     def grime(self, outline: ArrayLike, depth: float, *, blur: float) -> None:
         """Darken a polygon (metres) softly by an optical depth; ``blur`` is the width of its edge, metres."""
-        corners = self.pixels(outline, 1 / COARSE)
         sigma = blur * self.per_m / COARSE
-        margin = int(3 * sigma) + 2
-        low = np.maximum(np.floor(corners.min(0)).astype(int) - margin, 0)
-        high = np.minimum(np.ceil(corners.max(0)).astype(int) + margin, len(self._dirt))
-        if (high <= low).any():
-            return
-        mask = np.zeros(tuple(high[::-1] - low[::-1]), np.float32)
-        cv2.fillPoly(mask, [np.round((corners - low - 0.5) * 16).astype(np.int32)], depth, cv2.LINE_AA, 4)
-        self._dirt[low[1] : high[1], low[0] : high[0]] += cv2.GaussianBlur(mask, (0, 0), max(sigma, 0.3))
+        window, mask = _filled(self.pixels(outline, 1 / COARSE), len(self._dirt), int(3 * sigma) + 2, np.float32(depth))
+        if mask.size:
+            self._dirt[window] += cv2.GaussianBlur(mask, (0, 0), max(sigma, 0.3))
 
-    def tracks(self, way: ArrayLike, depth: float, *, width: float = 0.45, gauge: float = 2.0) -> None:
+    def tracks(self, way: ArrayLike, depth: float, *, width: float, gauge: float = 2.0) -> None:
         """Two tyre tracks along a polyline (metres)."""
         self._tracks(way, depth, width, gauge, noise(self._rng, cells=14, octaves=2))
 

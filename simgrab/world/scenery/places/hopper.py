@@ -44,7 +44,7 @@ def hopper(cargo: Cargo, *, rng: np.random.Generator) -> list[Part]:
     inside = materials.rusty("hopper inside")
     # The outer skin is painted and the liner bare, so that the mouth shows the wear of falling cargo.
     skin, lining = (
-        shell([rectangle(side, side, z) for side, z in levels], [0.03] * 3)
+        shell([rectangle(side, side, z) for side, z in levels], 0.03)
         for levels in (
             ((1.3, NECK), (2 * HALF, 7.0), (2 * HALF, RIM)),
             ((1.2, NECK + 0.02), (2 * HALF - 0.07, 7.02), (2 * HALF - 0.07, RIM - 0.05)),
@@ -127,7 +127,7 @@ def _grid(rng: np.random.Generator) -> list[trimesh.Trimesh]:
 
 def _residue(rng: np.random.Generator) -> trimesh.Trimesh:
     """Fill in what is left in the funnel, drawn down in the middle."""
-    low, level = NECK + 0.05, float(rng.uniform(4.7, 5.5))
+    low, level = NECK + 0.05, rng.uniform(4.7, 5.5)
     foot, wall = (0.60 + (z - NECK) / (7.0 - NECK) * (HALF - 0.67) for z in (low, level))
     rings = [_square(foot * 0.96 * 0.99, low, rng, jitter=0.0)]
     for down, share in ((0.0, 1.0), (0.15, 0.8), (0.5, 0.5), (0.85, 0.2)):

@@ -79,14 +79,14 @@ def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
     return steel.solid(vertices, np.concatenate([steel.walls(numbers), *caps]))
 
 
-def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Trimesh:
-    """Return an open vessel: walls through rectangular rings (as in `loft`), offset inwards per ring, metres.
+def shell(rings: Sequence[ArrayLike], thickness: float) -> trimesh.Trimesh:
+    """Return an open vessel: walls through rectangular rings (as in `loft`), offset inwards, metres.
 
     The walls are closed at the first and the last ring by a lip, so that the vessel is a watertight solid.
     """
     outer = np.array(rings, float)
-    walls = np.multiply.outer(thickness, (1.0, 1.0, 0.0))[:, None]
-    loop = np.concatenate([outer, (outer - np.sign(outer - outer.mean(axis=1, keepdims=True)) * walls)[::-1]])
+    inner = outer - np.sign(outer - outer.mean(axis=1, keepdims=True)) * [thickness, thickness, 0.0]
+    loop = np.concatenate([outer, inner[::-1]])
     numbers = np.arange(loop.size // 3).reshape(loop.shape[:2])
     return steel.solid(loop.reshape(-1, 3), steel.walls(np.vstack([numbers, numbers[:1]])))
 
@@ -102,15 +102,11 @@ def outline(x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, flo
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
-def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int = 8) -> trimesh.Trimesh:
+def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int) -> trimesh.Trimesh:
     """Join round bars along a polyline, with a ball at every inner corner."""
     p = [np.asarray(q, float) for q in points]
-    solids = [bar(a, b, radius, sides=sides) for a, b in pairwise(p)]
-    for corner in p[1:-1]:
-        ball = trimesh.creation.icosphere(1, radius)
-        ball.apply_translation(corner)
-        solids.append(ball)
-    return join(solids)
+    balls = [trimesh.creation.icosphere(1, radius).apply_translation(corner) for corner in p[1:-1]]
+    return join([*(bar(a, b, radius, sides=sides) for a, b in pairwise(p)), *balls])
 
 
 def railing(points: Sequence[ArrayLike], *, spacing: float) -> trimesh.Trimesh:
@@ -127,10 +123,10 @@ def railing(points: Sequence[ArrayLike], *, spacing: float) -> trimesh.Trimesh:
     return join(solids)
 
 
-def ladder(foot: ArrayLike, top: ArrayLike, *, width: float = 0.45, side: ArrayLike = (1, 0, 0)) -> trimesh.Trimesh:
-    """Straight ladder with two stringers and rungs 0.3 m apart; ``side`` is the direction of the rungs."""
+def ladder(foot: ArrayLike, top: ArrayLike, *, side: ArrayLike = (1, 0, 0)) -> trimesh.Trimesh:
+    """Straight ladder with two stringers and rungs 0.3 m apart; the unit vector ``side`` is along the rungs."""
     foot, top = np.asarray(foot, float), np.asarray(top, float)
-    half = np.asarray(side, float) / np.linalg.norm(side) * width / 2
+    half = 0.225 * np.asarray(side, float)
     solids = [bar(foot + half, top + half, 0.025, sides=6), bar(foot - half, top - half, 0.025, sides=6)]
     count = int(np.linalg.norm(top - foot) / 0.3)
     for share in (np.arange(count) + 0.5) / count:

@@ -73,10 +73,10 @@ def deck(
         canvas.grime(foot, 0.9, blur=0.35)
     for _ in range(round(25 + 50 * wear)):
         at = rng.uniform((-23, -HALF_BEAM), (23, HALF_BEAM))
-        canvas.blot(at, float(rng.uniform(0.1, 0.9)), float(rng.uniform(0.2, 0.7)))
+        canvas.blot(at, rng.uniform(0.1, 0.9), rng.uniform(0.2, 0.7))
     for x in np.arange(-22, 22, 2.2):  # scuppers and fittings weep along the ship's sides
         for s in (-1, 1):
-            canvas.blot((x + rng.normal(0, 0.5), s * (HALF_BEAM - 0.2)), 0.5, float(rng.uniform(0, 0.6)))
+            canvas.blot((x + rng.normal(0, 0.5), s * (HALF_BEAM - 0.2)), 0.5, rng.uniform(0, 0.6))
     canvas.mottle(0.5 * wear + 0.2)
     for s in (-1, 1):  # a painted walkway
         for edge in (11.2, 12.2):
@@ -150,7 +150,7 @@ def topsides(style: Looks, *, is_open: bool, rng: np.random.Generator) -> list[P
     frames, coils = [], []
     for s in (-1, 1):
         frame, coil = fittings.winch()
-        at = (s * PITCH / 2 + 0.2, float(rng.uniform(10.0, 10.3)) * float(rng.choice([-1, 1])))
+        at = (s * PITCH / 2 + 0.2, rng.uniform(10.0, 10.3) * float(rng.choice([-1, 1])))
         frames.append(placed(frame, *at, yaw=np.pi / 2))
         coils.append(placed(coil, *at, yaw=np.pi / 2))
     small = []
@@ -158,7 +158,7 @@ def topsides(style: Looks, *, is_open: bool, rng: np.random.Generator) -> list[P
         for s in (-1, 1):
             kind = (fittings.bitts, fittings.ventilator, fittings.manhole, fittings.access_hatch)[int(rng.integers(4))]
             y = {"bitts": 14.0, "ventilator": 14.7, "manhole": 10.2, "access_hatch": 9.9}[kind.__name__]
-            small.append(placed(kind(), x + float(rng.uniform(-0.8, 0.8)), s * y))
+            small.append(placed(kind(), x + rng.uniform(-0.8, 0.8), s * y))
     rails = [railing([(-40, s * (HALF_BEAM - 0.15), 0), (40, s * (HALF_BEAM - 0.15), 0)], spacing=1.6) for s in (-1, 1)]
     lines = [fittings.pipes(-45, 45, s * 12.75) for s in (-1, 1)]
     deck, dull = style.deck, materials.dull
