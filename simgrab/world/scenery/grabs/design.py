@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.weight import Mass, Weight, spread, together
@@ -138,12 +137,12 @@ class Design:
         """Of the empty grab."""
         return sum(body.mass_kg for body in self.bodies)
 
-    def frames(self, jaw: float) -> dict[str, NDArray[np.float64]]:
+    def frames(self, jaw: float) -> dict[str, Array]:
         """Return ``grab_from_body``, shape (4, 4), of every body, for an opening of the jaws, rad."""
         if not 0.0 <= jaw <= self.max_jaw:
             raise ValueError(f"jaw is {jaw!r} rad; it must lie in [0, {self.max_jaw:.4f}]")
         positions = self.positions(jaw)
-        found: dict[str, NDArray[np.float64]] = {}
+        found: dict[str, Array] = {}
         for body in self.bodies:
             local = np.eye(4)
             local[:3, 3] = body.pin

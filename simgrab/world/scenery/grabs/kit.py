@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 from trimesh.transformations import translation_matrix
 
 from simgrab.model.geometry import Array, rotation_z
@@ -300,23 +299,21 @@ def wrap(name: str, mesh: trimesh.Trimesh, material: Material, *, top: float, ar
     return Part(name, mesh, material, np.stack([(p[:, 1] + 0.7 * p[:, 0]) / around, v], axis=1))
 
 
-def curve(points: Sequence[tuple[float, float]], count: int = 17) -> NDArray[np.float64]:
+def curve(points: Sequence[tuple[float, float]], count: int = 17) -> Array:
     """Return a cubic Bézier curve, shape (count, 2)."""
     t = np.linspace(0.0, 1.0, count)[:, None]
     a, b, c, d = np.asarray(points, float)
     return np.asarray((1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d)
 
 
-def offset(line: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+def offset(line: Array, distance: float) -> Array:
     """Move a line (n, 2) to its right-hand side, seen along it."""
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     return np.asarray(line + distance * np.stack([tangent[:, 1], -tangent[:, 0]], axis=1))
 
 
-def band(
-    line: NDArray[np.float64], inner: float, outer: float, first: int = 0, last: int | None = None
-) -> shapely.Polygon:
+def band(line: Array, inner: float, outer: float, first: int = 0, last: int | None = None) -> shapely.Polygon:
     """Return the strip between two offsets of a line, from one of its points to another, at x ≥ 0.003."""
     cut = slice(first, last)
     ring = np.concatenate([offset(line, inner)[cut], offset(line, outer)[cut][::-1]])
@@ -325,7 +322,7 @@ def band(
 
 
 def strip(
-    line: NDArray[np.float64], offsets: tuple[float, float], y: tuple[float, float], first: int = 0,
+    line: Array, offsets: tuple[float, float], y: tuple[float, float], first: int = 0,
     last: int | None = None,
 ) -> trimesh.Trimesh:  # fmt: skip
     """Return the plate that a `band` sweeps from one y to another."""
@@ -366,7 +363,7 @@ def tips(stem: str, azimuths: Sequence[float], hinge: tuple[float, float]) -> di
 
 
 def petal(
-    line: NDArray[np.float64], inner: float, outer: float, half_angle: Callable[[Array, Array], Array], around: Array
+    line: Array, inner: float, outer: float, half_angle: Callable[[Array, Array], Array], around: Array
 ) -> trimesh.Trimesh:
     """Return a closed plate of revolution between two offsets of a line (r, z), m, about azimuth 0.
 
@@ -390,7 +387,7 @@ def petal(
     return shapes.outward(heap(*grids))
 
 
-def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDArray[np.float64]:
+def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> Array:
     """Return the roughness of a heap's surface, m: lumps of two sizes."""
     fine, coarse = rng.standard_normal(shape), rng.standard_normal(shape)
     for axis in (0, 1):
@@ -399,7 +396,7 @@ def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDAr
     return np.asarray(size * (0.6 * fine + 1.2 * coarse / coarse.std()))
 
 
-def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float], tuple[Array, ...]]) -> Heaps:
+def heaps(inside: Array, clearance: float, form: Callable[[float], tuple[Array, ...]]) -> Heaps:
     """Return the function that makes heaps of cargo in closed jaws.
 
     Parameters
@@ -428,7 +425,7 @@ def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float],
     return make
 
 
-def heap(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> trimesh.Trimesh:
+def heap(top: Array, bottom: Array) -> trimesh.Trimesh:
     """Close the space between two grids of points, shapes (n, m, 3), the second below the first."""
     upper, rim = shapes.grid(*top.shape[:2])
     after, down = np.roll(rim, -1), top.shape[0] * top.shape[1]

@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.model.scenario.grab import OrangePeel
@@ -122,7 +121,7 @@ class _Peel:
 
     # The tine, in the plane y = 0.
 
-    def _half_angle(self, r: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _half_angle(self, r: Array, z: Array) -> Array:
         """Half of the angle that a tine's plate covers, by radius and height."""
         sector = np.pi / self.keys.tines - np.arcsin(np.minimum(_GAP_M / r, 0.5))
         if self.keys.shells == "closed":

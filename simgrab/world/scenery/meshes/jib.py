@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.jib_access import bracket, floodlights, lenses, platform_frame, platform_grating
@@ -89,7 +89,7 @@ def _trunk() -> trimesh.Trimesh:
     return join(pieces)
 
 
-def _chain(points: NDArray[np.float64], radius: float) -> list[trimesh.Trimesh]:
+def _chain(points: Array, radius: float) -> list[trimesh.Trimesh]:
     """Make a chord through points, each piece a little longer than its panel so that the joints close."""
     pieces = []
     for a, b in pairwise(points):

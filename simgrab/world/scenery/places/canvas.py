@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.meshes.part import Paint
 from simgrab.world.scenery.places.heap import Cargo
 from simgrab.world.scenery.textures import load
@@ -63,9 +64,7 @@ def toned(picture: Picture, drawn: Sequence[Plane], level: int, span: int, norm:
 _Window = tuple[slice, slice]
 
 
-def _filled(
-    corners: NDArray[np.float64], side: int, margin: int, value: np.uint8 | np.float32
-) -> tuple[_Window, NDArray[Any]]:
+def _filled(corners: Array, side: int, margin: int, value: np.uint8 | np.float32) -> tuple[_Window, NDArray[Any]]:
     """Fill a polygon (pixels) with a value: a window around it, within a square picture, and its mask there.
 
     OpenCV smooths the edges of bytes alone.
@@ -124,13 +123,13 @@ class Canvas:
         self._prepare(base, n, noise(rng, cells=n / 60, octaves=5))
         self._rng = rng
 
-    def uv(self, xy: ArrayLike) -> NDArray[np.float64]:
+    def uv(self, xy: ArrayLike) -> Array:
         """Texture coordinates of ground points (metres), mirrored beyond the picture's border; shape (N, 2)."""
         share = np.asarray(xy, float)[:, :2] / self.size + 0.5
         folded = np.abs(share - 2 * np.round(share / 2))
         return np.asarray(folded)
 
-    def pixels(self, xy: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:
+    def pixels(self, xy: ArrayLike, scale: float = 1.0) -> Array:
         """Continuous (column, row) of ground points, shape (N, 2)."""
         p = np.atleast_2d(np.asarray(xy, float))
         return np.stack([p[:, 0] + self.size / 2, self.size / 2 - p[:, 1]], 1) * self.per_m * scale
@@ -254,7 +253,7 @@ class Canvas:
         for stroke in strokes:
             stroke()
 
-    def spill(self, cover: NDArray[np.float64], low: ArrayLike, high: ArrayLike) -> None:
+    def spill(self, cover: Array, low: ArrayLike, high: ArrayLike) -> None:
         """Strew cargo: ``cover`` (rows along −y, columns along x) stretched over a rectangle given in metres."""
         left, bottom = np.round(self.pixels(low, 1 / COARSE)[0]).astype(int)
         right, top = np.round(self.pixels(high, 1 / COARSE)[0]).astype(int)

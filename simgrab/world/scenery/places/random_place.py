@@ -11,8 +11,8 @@ from functools import cache, partial
 import cv2
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes import shapes as steel
 from simgrab.world.scenery.meshes.part import Material, Part, Texture
@@ -125,7 +125,7 @@ def _standing(number: int, rng: np.random.Generator, paint: np.random.Generator)
     return Part(f"solid_{number}", mesh, _coat(number, paint)).moved(pose)
 
 
-def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trimesh:
+def _solid(size: Array, rng: np.random.Generator) -> trimesh.Trimesh:
     """Return a solid of about this size (x, y, z), m, that stands on z = 0."""
     x, y, z = (float(v) for v in size)
     match int(rng.integers(7)):

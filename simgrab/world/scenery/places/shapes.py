@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.meshes import shapes as steel
 
-Vector = NDArray[np.float64]
 join = steel.join
 
 
@@ -91,7 +91,7 @@ def shell(rings: Sequence[ArrayLike], thickness: float) -> trimesh.Trimesh:
     return steel.solid(loop.reshape(-1, 3), steel.walls(np.vstack([numbers, numbers[:1]])))
 
 
-def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] = (0.0, 0.0)) -> Vector:
+def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
     """Corners of a level rectangle, counter-clockwise from above, shape (4, 3), metres."""
     x, y = width / 2, depth / 2
     return np.array([[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]]) + [*centre, 0.0]
@@ -116,8 +116,7 @@ def railing(points: Sequence[ArrayLike], *, spacing: float) -> trimesh.Trimesh:
     solids = []
     for a, b in pairwise(p):
         count = max(2, round(float(np.linalg.norm(b - a)) / spacing) + 1)
-        for foot in np.linspace(a, b, count):
-            solids.append(bar(foot - [0, 0, 0.02], foot + [0, 0, height], 0.025, sides=5))
+        solids += [bar(foot - [0, 0, 0.02], foot + [0, 0, height], 0.025, sides=5) for foot in np.linspace(a, b, count)]
         for level, radius in ((1.0, 0.024), (0.66, 0.016), (0.33, 0.016)):
             solids.append(bar(a + [0, 0, height * level], b + [0, 0, height * level], radius, sides=5))
     return join(solids)
@@ -135,7 +134,7 @@ def ladder(foot: ArrayLike, top: ArrayLike, *, side: ArrayLike = (1, 0, 0)) -> t
     return join(solids)
 
 
-def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Vector:
+def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Array:
     """4×4 transform: turn by ``yaw`` radians about z, then move."""
     matrix = trimesh.transformations.rotation_matrix(yaw, (0, 0, 1))
     matrix[:3, 3] = x, y, z
