@@ -21,7 +21,7 @@ from simgrab.training.assembled.dimensions import Chance, Dimensions
 from simgrab.training.assembled.head import head, middle, rope_ends
 from simgrab.training.assembled.jaws import jaw, strut, vessel
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import Body, Design, Heaps
+from simgrab.world.scenery.grabs.design import Body, Design, Heaps, no_heaps
 from simgrab.world.scenery.grabs.shells import GAP_M
 
 _SHAPES = 2**53  # distinct numbers from 0 to 1
@@ -69,7 +69,7 @@ def _lips(d: Dimensions, azimuths: list[float]) -> dict[str, Array]:
 def _heaps(d: Dimensions) -> Heaps:
     """Return what makes heaps between closed jaws of plates."""
     if not (d.count and d.plates):
-        return lambda _cargo, _rng: ()
+        return no_heaps
     u, v = np.meshgrid(np.linspace(-1, 1, 33), np.linspace(-1, 1, 33), indexing="ij")
     if d.count > 2:
         u, v = u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)  # a square on a disc

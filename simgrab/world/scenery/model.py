@@ -267,10 +267,8 @@ def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
     """See `World.switches`; ropes outside the grab and its heaps are hidden at first."""
     found: dict[str, list[int]] = {STEEL: [], FALLS: []}
     always = {GRAB: STEEL, ROPE: FALLS}
-    for geom in range(model.ngeom):
-        group = int(model.geom_group[geom])
-        if group == HIDDEN:
-            found.setdefault(model.geom(geom).name.rpartition("/")[0], []).append(geom)
-        elif group in always:
-            found.setdefault(always[group], []).append(geom)
+    for geom, group in enumerate(model.geom_group.tolist()):
+        stem = model.geom(geom).name.rpartition("/")[0] if group == HIDDEN else always.get(group)
+        if stem:
+            found.setdefault(stem, []).append(geom)
     return {stem: np.array(geoms, int) for stem, geoms in found.items()}

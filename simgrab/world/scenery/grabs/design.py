@@ -71,7 +71,8 @@ class Body:
 Heaps = Callable[[str, np.random.Generator], Sequence[Part]]
 
 
-def _no_heaps(_cargo: str, _rng: np.random.Generator) -> Sequence[Part]:
+def no_heaps(_cargo: str, _rng: np.random.Generator) -> Sequence[Part]:
+    """Make no cargo: the heaps of a grab that holds none."""
     return ()
 
 
@@ -123,7 +124,7 @@ class Design:
     falls_from: str = "head"
     falls_to: str = "beam"
     lips: Mapping[str, Array] = field(default_factory=dict)
-    heaps: Heaps = _no_heaps
+    heaps: Heaps = no_heaps
     cargo_kg: float = 0.0
     drag_area_m2: float | None = None
 

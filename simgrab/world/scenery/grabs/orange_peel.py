@@ -16,7 +16,7 @@ import trimesh
 from simgrab.model.geometry import Array
 from simgrab.model.scenario.grab import OrangePeel
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import Body, Design, Heaps
+from simgrab.world.scenery.grabs.design import Body, Design, Heaps, no_heaps
 from simgrab.world.scenery.grabs.kit import Scale
 from simgrab.world.scenery.grabs.slider_crank import Cylinder, SliderCrank
 from simgrab.world.scenery.meshes import shapes
@@ -304,7 +304,7 @@ class _Peel:
 
     def _heaps(self) -> Heaps:
         if self.keys.shells == "open":
-            return lambda _cargo, _rng: ()
+            return no_heaps
         line, top = self.curve, float(self.curve[-1, 1])
         grid = np.linspace(-1.0, 1.0, 41)
         u, v = np.meshgrid(grid, grid, indexing="ij")
