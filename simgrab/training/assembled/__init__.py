@@ -22,7 +22,7 @@ from simgrab.training.assembled.head import head, middle, rope_ends
 from simgrab.training.assembled.jaws import jaw, strut, vessel
 from simgrab.world.scenery.grabs import kit
 from simgrab.world.scenery.grabs.design import Body, Design, Heaps, no_heaps
-from simgrab.world.scenery.grabs.shells import GAP_M
+from simgrab.world.scenery.grabs.shells import edges
 
 _SHAPES = 2**53  # distinct numbers from 0 to 1
 _CLEARANCE_M = 0.03
@@ -59,11 +59,9 @@ def assembled(keys: Assembled) -> Design:
 
 def _lips(d: Dimensions, azimuths: list[float]) -> dict[str, Array]:
     """Return ends of two shells' edges, or tips of tines, each in its body's frame; none of a vessel."""
-    (hx, hz), half = d.hinge, d.half_y
-    if d.count != 2:
-        return kit.tips("jaw", azimuths, d.hinge) if d.count else {}
-    outer = np.array([(GAP_M - hx, half, -hz), (GAP_M - hx, -half, -hz)])
-    return {"jaw_0": outer, "jaw_1": (outer * (-1.0, -1.0, 1.0))[::-1]}
+    if d.count == 2:
+        return dict(zip(("jaw_0", "jaw_1"), edges(d.hinge, d.half_y), strict=True))
+    return kit.tips("jaw", azimuths, d.hinge) if d.count else {}
 
 
 def _heaps(d: Dimensions) -> Heaps:

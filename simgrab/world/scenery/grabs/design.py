@@ -172,10 +172,7 @@ class Design:
         total = 0.0
         for ends, *bodies in pieces:
             if len(ends):
-                first, last = (
-                    trimesh.transform_points(points, frames[body])
-                    for points, body in zip(ends.transpose(1, 0, 2), bodies, strict=True)
-                )
+                first, last = (trimesh.transform_points(ends[:, k], frames[body]) for k, body in enumerate(bodies))
                 total += float(np.linalg.norm(last - first, axis=1).sum())
         return total
 

@@ -154,7 +154,7 @@ def _rope_runs(ropes: Ropes) -> list[Part]:
     for i, (x, y) in enumerate(_axes(ropes)):
         along = np.array([[0, 0, -1, x], [0, 1, 0, y], [1, 0, 0, SHEAVE_Z + SHEAVE_RADIUS], [0, 0, 0, 1]], float)
         parts.append(rope_part(x - _TAIL_X, f"run_{i}", ropes.radius_m).moved(along))
-        bend = shapes.bent_rod(SHEAVE_RADIUS, ropes.radius_m, 10)  # from the sheave's top to its outboard side
+        bend = shapes.bent_rod(SHEAVE_RADIUS, ropes.radius_m)  # from the sheave's top to its outboard side
         bend.apply_translation((x, y, SHEAVE_Z))
         parts.append(Part(f"bend_{i}", bend, parts[0].material))
     return parts

@@ -79,7 +79,7 @@ def _filled(corners: Array, side: int, margin: int, value: np.uint8 | np.float32
 
 _Method = TypeVar("_Method", bound=Callable[..., None])
 _Scattered = tuple[tuple[int, int, int, int], list[Plane], Picture]
-"""The window of pixels that holds cargo, its unevenness and its grit."""
+"""The window of coarse pixels that holds cargo, its unevenness and its grit."""
 
 
 def _later(paint: _Method) -> _Method:
@@ -284,19 +284,21 @@ class Canvas:
         if cargo is None or scattered is None:
             return np.asarray(picture, np.uint8)
         tile = shrunk(load(cargo.texture), self.per_m / (1024 / cargo.tile_m))
-        (y0, y1, x0, x1), drawn, grit = scattered
-        shape = (y1 - y0, x1 - x0)
+        (top, bottom, left, right), drawn, grit = scattered
+        coarse = np.s_[top:bottom, left:right]
+        fine = np.s_[COARSE * top : COARSE * bottom, COARSE * left : COARSE * right]
+        shape = COARSE * (bottom - top), COARSE * (right - left)
         laid = tiled(tile, *shape)
         uneven = cloud((shape[0] // 8, shape[1] // 8), drawn)
         uneven = cv2.resize((205 + 85 * (uneven - 0.5)).astype(np.uint8), shape[::-1])
         laid = cv2.multiply(laid, cv2.merge([uneven] * 3), scale=1 / 205)
-        window = self._spill[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE]
+        window = self._spill[coarse]
         # Loose lumps thin out one by one rather than fade.
         grit = cv2.GaussianBlur(grit, (0, 0), 1.1)
-        threshold = 0.55 * broken[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE] + (grit * 0.006 - 0.45)
+        threshold = 0.55 * broken[coarse] + (grit * 0.006 - 0.45)
         thinned = np.clip((window * 1.35 - threshold) * 4.0, 0, 1) * np.clip(window * 4, 0, 1)
         alpha = cv2.resize(thinned.astype(np.float32), shape[::-1])
-        picture[y0:y1, x0:x1] = cv2.blendLinear(np.ascontiguousarray(picture[y0:y1, x0:x1]), laid, 1 - alpha, alpha)
+        picture[fine] = cv2.blendLinear(np.ascontiguousarray(picture[fine]), laid, 1 - alpha, alpha)
         return np.asarray(picture, np.uint8)
 
     def _scattered(self) -> _Scattered | None:
@@ -304,8 +306,6 @@ class Canvas:
         if not self._spill.any():
             return None
         rows, columns = np.nonzero(self._spill.any(1))[0], np.nonzero(self._spill.any(0))[0]
-        coarse = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
-        y0, y1, x0, x1 = (COARSE * v for v in coarse)
+        top, bottom, left, right = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
         uneven = noise(self._rng, cells=9, octaves=4)
-        grit = self._rng.integers(0, 256, (coarse[1] - coarse[0], coarse[3] - coarse[2]), np.uint8)
-        return (y0, y1, x0, x1), uneven, grit
+        return (top, bottom, left, right), uneven, self._rng.integers(0, 256, (bottom - top, right - left), np.uint8)

@@ -96,8 +96,8 @@ def _receiver(place: Quay, site: apron.Apron, cargo: Cargo, rng: np.random.Gener
     """Hopper or lorry between the rails, with its hatched box, lane number and contact shadows."""
     canvas, worn = site.canvas, 0.3 + 0.45 * place.wear
     x, y, yaw = rng.uniform(-2.0, 2.0), site.rails_y[0] + LANE, rng.normal(0, 0.03)
-    for corner in ((-4.3, -4.2), (-4.3, 4.0)):
-        canvas.stripe((x + corner[0], y + corner[1]), (x + 4.3, y + corner[1]), 0.12, apron.YELLOW, wear=worn)
+    for end in (-4.2, 4.0):
+        canvas.stripe((x - 4.3, y + end), (x + 4.3, y + end), 0.12, apron.YELLOW, wear=worn)
     for side in (-4.3, 4.3):
         canvas.stripe((x + side, y - 4.2), (x + side, y + 4.0), 0.12, apron.YELLOW, wear=worn)
     for d in np.arange(-7.6, 8.0, 0.95):  # hatching at 45 degrees, clipped to the box

@@ -37,14 +37,9 @@ def bar(start: ArrayLike, end: ArrayLike, radius: float, *, sides: int = 8) -> t
 
 def beam(start: ArrayLike, end: ArrayLike, width: float, height: float) -> trimesh.Trimesh:
     """Return a rectangular beam between two points: ``height`` is its depth in the plane that holds the vertical."""
-    start, end = np.asarray(start, float), np.asarray(end, float)
-    along = end - start
-    length = float(np.linalg.norm(along))
-    along = along / length
-    side = np.cross([0.0, 0.0, 1.0], along)
-    side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    length, axes = steel.way(start, end)
     pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = along, side, np.cross(along, side), (start + end) / 2
+    pose[:3, :3], pose[:3, 3] = axes[:, [2, 0, 1]], np.add(start, end) / 2
     return trimesh.creation.box((length, width, height), transform=pose)
 
 

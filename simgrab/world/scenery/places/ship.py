@@ -84,11 +84,11 @@ def deck(
     if cargo is not None and is_open:
         _scatter(canvas, wear, rng)
     plating = Material("deck plating", texture=canvas.finish(cargo), specular=0.03)
-    hole = ring(0.0) if is_open else None
     parts = []
     for i, (x0, x1) in enumerate(pairwise(_CUTS)):
         plate = shapely.box(x0, -HALF_BEAM, x1, HALF_BEAM)
-        plate = plate.difference(hole) if hole is not None and i == 2 else plate
+        if is_open and i == 2:
+            plate = plate.difference(ring(0.0))
         mesh = prism(plate, -0.04, 0.0)
         parts.append(Part(f"deck {i}", mesh, plating, canvas.uv(mesh.vertices)))
     return parts
@@ -126,11 +126,8 @@ def coaming(*, is_open: bool) -> trimesh.Trimesh:
     for at in np.arange(0.4, line.length, 1.05):
         p, q = (np.array(line.interpolate(at + d).coords[0]) for d in (-0.05, 0.05))
         along = (q - p) / np.linalg.norm(q - p)
-        middle = (p + q) / 2
-        out = np.array([along[1], -along[0]])
-        if shapely.Point(middle + out).within(ring(0.03)):
-            out = -out
-        solids.append(placed(plate, float(middle[0]), float(middle[1]), yaw=float(np.arctan2(out[1], out[0]))))
+        x, y = (p + q) / 2
+        solids.append(placed(plate, x, y, yaw=np.arctan2(along[0], -along[1])))  # outwards: the ring runs clockwise
     return join(solids)
 
 

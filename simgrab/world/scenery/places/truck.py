@@ -66,8 +66,7 @@ def _cab() -> list[trimesh.Trimesh]:
     wing = [(2.4, 0.95), (2.55, 1.2), (3.55, 1.2), (3.7, 0.95)]
     for side in (-1, 1):  # front wings over the wheels, steps, mirrors
         solids += plates(wing, [side * 1.2], 0.06)
-        for z, y in ((2.45, 1.42), (1.95, 1.42)):
-            solids.append(bar((3.75, side * 1.15, z), (4.0, side * y, z), 0.018, sides=5))
+        solids += [bar((3.75, side * 1.15, z), (4.0, side * 1.42, z), 0.018, sides=5) for z in (2.45, 1.95)]
         solids.append(box((3.95, side * 1.30, 1.80), (4.03, side * 1.54, 2.5)))
     return solids
 

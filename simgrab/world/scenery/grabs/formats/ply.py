@@ -157,13 +157,10 @@ def _elements(data: bytes, header: list[list[str]], refuse: Refuse) -> dict[str,
             stated[-1][2].append((words[-1], *(_TYPES[word] for word in words[1:-1] if word != "list")))
     if encoding == "ascii":
         try:
-            content, order, text = (
-                np.fromstring(data[start:].decode("ascii", errors="replace"), sep=" ").tobytes(),
-                "=",
-                "f8",
-            )
+            content = np.fromstring(data[start:].decode("ascii", errors="replace"), sep=" ").tobytes()
         except ValueError:
             raise refuse("holds what is not a number") from None
+        order, text = "=", "f8"
     elif encoding in ("binary_little_endian", "binary_big_endian"):
         content, order, text = data[start:], "<" if "little" in encoding else ">", ""
     else:
