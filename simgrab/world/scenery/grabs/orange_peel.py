@@ -207,10 +207,10 @@ class _Peel:
 
     def _rod(self) -> list[Part]:
         """Rod between head and tine, closed."""
-        (ax, az), (px, pz), s = self.head_pin, self.tine_pin, self.scale.mean
+        ends, s = (self.head_pin, self.tine_pin), self.scale.mean
         eye, half = 0.05 * s + 0.025, 0.022 * s + 0.012
-        plate = prism(kit.link(self.head_pin, self.tine_pin, eye, 0.6), -half, half)
-        pins = join(pin(x, z, -half - 0.03, half + 0.03, 0.5 * eye, 0.012) for x, z in ((ax, az), (px, pz)))
+        plate = prism(kit.link(*ends, eye, 0.6), -half, half)
+        pins = join(pin(*end, -half - 0.03, half + 0.03, 0.5 * eye, 0.012) for end in ends)
         return [Part("rod", plate, BARE.body), Part("rod_pins", pins, BARE.dark)]
 
     # Head and lower block, round the axis.

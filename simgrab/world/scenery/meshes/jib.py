@@ -143,8 +143,8 @@ def _guards(ropes: Ropes) -> trimesh.Trimesh:
         corner = hull(shapely.MultiPoint([(x, SHEAVE_Z), (x + 0.9, SHEAVE_Z + 0.35), (x + 0.2, SHEAVE_Z + 0.9)]))
         hoop = ring.intersection(corner)
         pieces.append(prism(hoop, y - 0.05, y + 0.05))
-        for px, pz in ((0.33, 0.36), (0.13, 0.465)):
-            pieces.append(rod((x + px, y - 0.07, SHEAVE_Z + pz), (x + px, y + 0.07, SHEAVE_Z + pz), 0.01, 8))
+        bars = ((x + 0.33, SHEAVE_Z + 0.36), (x + 0.13, SHEAVE_Z + 0.465))
+        pieces += [rod((px, y - 0.07, pz), (px, y + 0.07, pz), 0.01, 8) for px, pz in bars]
     return join(pieces)
 
 

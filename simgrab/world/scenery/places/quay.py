@@ -85,9 +85,7 @@ def _strew(site: apron.Apron, place: Quay, heap: _Heap, rng: np.random.Generator
     skirt = np.exp(-np.maximum(out - heap.foot, 0) / 1.6) * (place.pile_height_m > 0)
     along = np.clip((y - receiver_y) / (heap.at[1] - receiver_y), 0, 1)
     trail = 0.75 * np.exp(-(((x - heap.at[0] * along) / 1.5) ** 2)) * (y < heap.at[1]) * (y > receiver_y - 3)
-    drift = np.zeros((n, n))
-    for rail in rails_y:
-        drift = drift + 0.5 * np.exp(-(((y - rail) / 0.35) ** 2))
+    drift = np.sum([0.5 * np.exp(-(((y - rail) / 0.35) ** 2)) for rail in rails_y], axis=0)
     cover = (skirt + trail * (0.3 + 0.7 * place.wear) + drift * place.wear) * np.clip((patchy - 0.36) * 2.6, 0, 1)
     canvas.spill(np.clip(cover, 0, 0.95), (-half, -half), (half, half))
 

@@ -93,9 +93,8 @@ def _foamed(picture: Picture, chop: float, foam_y: Sequence[float], windy: list[
     lace = cv2.resize(cloud((1024, 1024), laced), (PIXELS, PIXELS))
     threads = np.exp(-(((lace - 0.5) / 0.035) ** 2))
     row = SIZE / 2 - (np.arange(PIXELS) + 0.5) / PIXELS * SIZE
-    near = np.zeros(PIXELS)
-    for y in foam_y:
-        near = np.maximum(near, np.exp(-np.abs(row - y) / 0.5) + 0.22 * np.exp(-np.abs(row - y) / 2.2))
+    away = np.abs(np.subtract.outer(foam_y, row))
+    near = (np.exp(-away / 0.5) + 0.22 * np.exp(-away / 2.2)).max(axis=0)
     stray = np.clip((wind - 0.62) * 3, 0, 0.35)
     foam = (
         threads * np.clip(near[:, None] * (0.35 + 0.9 * chop) * (0.4 + wind) + stray * (0.2 + chop), 0, 0.8)
