@@ -112,7 +112,7 @@ class Bare:
         if self._of is not scene.world.model:
             if self._renderer:
                 self._renderer.close()
-            model = build(scene.scenario, scene.world.plan, textured=True).model  # simgrab uploads textures itself
+            model = build(scene.world.plan, textured=True).model  # simgrab uploads textures itself
             model.vis.global_.offwidth, model.vis.global_.offheight = k.width_px, k.height_px
             self._renderer = mujoco.Renderer(model, k.height_px, k.width_px, max_geom=model.ngeom + 16)
             self._of, self._model = scene.world.model, model

@@ -31,7 +31,7 @@ def export(generator: FrameGenerator, frame: int = 0) -> dict[str, Any]:
     scene, moment = generator.scene(frame), generator.project(frame).moment
     camera = scene.scenario.camera
     k = camera.intrinsics
-    model = build(scene.scenario, scene.world.plan, textured=True).model  # simgrab uploads textures itself
+    model = build(scene.world.plan, textured=True).model  # simgrab uploads textures itself
     data = scene.renderer.pose(moment)
     groups = scene.world.model.geom_group.astype(np.int64)
     vertices, faces = zip(*(_mesh(model, int(mesh)) for mesh in model.geom_dataid), strict=True)

@@ -118,13 +118,13 @@ def check(recipe: Recipe, workers: int, cluster: str | None = None) -> None:
 def vet(recipe: Recipe, frames: FrameNumbers | None = None, tick: Tick | None = None) -> Vetted:
     """Refuse impossible frames, of all or of these, a clip's together; ``tick`` is called after each variant."""
     k = recipe.scenario.camera.intrinsics
-    seen, kept, plan, before = 0, dict[int, Projection](), None, None
+    seen, kept, plan = 0, dict[int, Projection](), None
     numbers = range(recipe.scenario.frames) if frames is None else frames
     for _, span in itertools.groupby(numbers, recipe.variant_number):
         first = next(span)
         one = recipe.variant(first)
-        plan = draw_up(one.scenario, one.draws) if plan is None or before is None else replanned(plan, before, one)
-        trajectory, before = Trajectory(one.scenario, recipe.extensions, plan), one
+        plan = draw_up(one.scenario, one.draws) if plan is None else replanned(plan, one)
+        trajectory = Trajectory(one.scenario, recipe.extensions, plan)
         for frame in itertools.chain((first,), span):  # all of them: each may be impossible
             projection = project(one.scenario, plan, trajectory.at(frame))
             seen += projection.meets(k.width_px, k.height_px)

@@ -364,7 +364,7 @@ def turntable(scene: Scenario) -> NDArray[np.uint8]:
     staged = replace(bare, grab=scene.grab, jib=scene.jib)
     plan = draw_up(staged)
     low, high = _extent(plan.grab)
-    world = build(staged, plan, textured=True)
+    world = build(plan, textured=True)
     data = mujoco.MjData(world.model)
     reach = float(np.linalg.norm(high - low))
     views = [(360.0 * i / _AZIMUTHS + 25.0, -18.0, 0.0) for i in range(_AZIMUTHS)]

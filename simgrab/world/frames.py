@@ -135,8 +135,7 @@ class FrameGenerator:
             if not self._scene.revise(variant, self.recipe):
                 before, self._scene = self._scene, None
                 before.close()  # before another is built, which may fail
-                plan = replanned(before.world.plan, before.variant, variant)
-                self._scene = Scene(variant, self.recipe, plan)
+                self._scene = Scene(variant, self.recipe, replanned(before.world.plan, variant))
             self._revised = False
         return self._scene
 

@@ -26,7 +26,7 @@ class Scene:
     def __init__(self, variant: Variant, recipe: Recipe, plan: Plan | None = None) -> None:
         self.variant, self.scenario = variant, variant.scenario
         plan = plan or draw_up(self.scenario, variant.draws)
-        self.world = model.build(self.scenario, plan)
+        self.world = model.build(plan)
         self.renderer = Renderer(self.world, self.scenario, recipe.split)
         self.close: Callable[[], None] = self.renderer.close  # frees the OpenGL context
         self.camera = Camera(self.scenario)
@@ -47,8 +47,8 @@ class Scene:
         old, new = self.scenario, variant.scenario
         if not self.renderer.takes(new):
             return False
-        plan, world = replanned(self.world.plan, self.variant, variant), self.world
-        world = replace(world, plan=plan) if plan.bodies is world.plan.bodies else model.build(new, plan)
+        plan, world = replanned(self.world.plan, variant), self.world
+        world = replace(world, plan=plan) if plan.bodies is world.plan.bodies else model.build(plan)
         camera, trajectory = Camera(new), Trajectory(new, recipe.extensions, world.plan)
         self.renderer.revise(world, old, new, recipe.split)
         self.variant, self.scenario, self.world = variant, new, world

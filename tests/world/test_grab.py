@@ -79,8 +79,7 @@ def test_a_world_leaves_the_shared_steel_as_it_was(changes: dict[str, object]) -
         return [np.asarray(v).tobytes() for mesh in meshes for v in (mesh.vertices, mesh.faces, mesh.face_normals)]
 
     before = every_byte()
-    scenario = scenes.load("quay-day", changes | {"clutter.other_grabs": 3})
-    model.build(scenario, draw_up(scenario))
+    model.build(draw_up(scenes.load("quay-day", changes | {"clutter.other_grabs": 3})))
     assert every_byte() == before
 
 

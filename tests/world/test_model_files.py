@@ -389,20 +389,22 @@ def test_ply(feature, kind, tmp_path):
     attacked(tmp_path, {"a.ply": ply(kind, vertex, face, (vertices, faces), comments=comments)} | files, expected)
 
 
+LISTS = "property list uchar int vertex_indices\n"
+EDGE = "element edge 1\nproperty int vertex1\nproperty int vertex2\n"
+ROWS, FACE_ROWS = VERTICES.replace("v ", ""), "".join(f"3 {a} {b} {c}\n" for a, b, c in F)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("element tristrips 1\nproperty list int int vertex_indices\nend_header\n" + VERTICES.replace("v ", "")
-         + "14 0 1 2 3 -1 4 6 5 7 -1 0 4 1 5\n", {"size": (2, 2, 2)}),
-        ("element face 0\nproperty list uchar int vertex_indices\nelement edge 1\nproperty int vertex1\n"
-         "property int vertex2\nend_header\n" + VERTICES.replace("v ", "") + "0 1\n", "shows no triangles"),
-        ("element face 12\nproperty list uchar int vertex_indices\nelement edge 1\nproperty int vertex1\n"
-         "property int vertex2\nend_header\n" + VERTICES.replace("v ", "")
-         + "".join(f"3 {a} {b} {c}\n" for a, b, c in F) + "0 1\n", {"volume": 8, "left_out": "element 'edge'"}),
-        ("element face 12\nproperty list uchar int vertex_indices\nelement material 1\nproperty int ambient_red\n"
-         "end_header\n" + VERTICES.replace("v ", "") + "".join(f"3 {a} {b} {c}\n" for a, b, c in F) + "9\n",
+        ("element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+         f"{ROWS}14 0 1 2 3 -1 4 6 5 7 -1 0 4 1 5\n", {"size": (2, 2, 2)}),
+        (f"element face 0\n{LISTS}{EDGE}end_header\n{ROWS}0 1\n", "shows no triangles"),
+        (f"element face 12\n{LISTS}{EDGE}end_header\n{ROWS}{FACE_ROWS}0 1\n",
+         {"volume": 8, "left_out": "element 'edge'"}),
+        (f"element face 12\n{LISTS}element material 1\nproperty int ambient_red\nend_header\n{ROWS}{FACE_ROWS}9\n",
          {"doubts~": "element 'material' is not read"}),
-        ("element face 12\nproperty list uchar int vertex_indices\nend_header\n1 2\n", "truncated"),
+        (f"element face 12\n{LISTS}end_header\n1 2\n", "truncated"),
         ("element face 12\nproperty list uchar wide vertex_indices\nend_header\n1 2\n", "unknown type"),
     ],
 )  # fmt: skip

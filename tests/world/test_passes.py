@@ -37,7 +37,7 @@ def generator(request):
 @contextmanager
 def textured(scene):
     """A scene's world, with textures, in a context of MuJoCo's own size for it."""
-    world = model.build(scene.scenario, scene.world.plan, textured=True)
+    world = model.build(scene.world.plan, textured=True)
     with gl.offscreen(world.model, *scene.renderer.full[2:]) as buffer:
         yield world, buffer
     scene.renderer._buffer.make_current()

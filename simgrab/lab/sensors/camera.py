@@ -71,7 +71,7 @@ class CameraDevice(Device):
             from simgrab.world.camera.renderer import Renderer  # with OpenGL
 
             scenario = self._setting.scenario
-            world = model.build(scenario, draw_up(scenario, self._setting.world))
+            world = model.build(draw_up(scenario, self._setting.world))
             self._renderer = Renderer(world, scenario.with_camera(self._camera), self._setting.split, self.station)
             self._close = self._renderer.close
         picture = np.array(self._renderer.rgb(moment))

@@ -102,7 +102,7 @@ class LidarDevice(Device):
 
         scenario = self._setting.scenario
         if self._world is None:
-            world = model.build(scenario, draw_up(scenario, self._setting.world))
+            world = model.build(draw_up(scenario, self._setting.world))
             self._world = world, mujoco.MjData(world.model)
         world, data = self._world
         world.pose(data, motion.moment(i))

@@ -21,8 +21,8 @@ from simgrab.training.assembled.dimensions import Chance, Dimensions
 from simgrab.training.assembled.head import head, middle, rope_ends
 from simgrab.training.assembled.jaws import jaw, strut, vessel
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import Body, Design, Heaps
-from simgrab.world.scenery.grabs.shells import GAP_M
+from simgrab.world.scenery.grabs.design import Body, Design, Heaps, no_heaps
+from simgrab.world.scenery.grabs.shells import edges
 
 _SHAPES = 2**53  # distinct numbers from 0 to 1
 _CLEARANCE_M = 0.03
@@ -50,25 +50,24 @@ def assembled(keys: Assembled) -> Design:
     else:
         steel += vessel(d, chance)
         max_jaw = 0.0
-    return kit.standing(
+    rough = Design(
         [kit.body("head", steel), *bodies], lambda opening: {name: at(opening) for name, at in positions.items()},
-        max_jaw, rope_ends(d, keys.ropes), volume_m3=keys.volume_m3, lips=_lips(d, azimuths), heaps=_heaps(d),
+        max_jaw, rope_ends(d, keys.ropes), lips=_lips(d, azimuths), heaps=_heaps(d),
     )  # fmt: skip
+    return kit.standing(rough, keys.volume_m3)
 
 
 def _lips(d: Dimensions, azimuths: list[float]) -> dict[str, Array]:
     """Return ends of two shells' edges, or tips of tines, each in its body's frame; none of a vessel."""
-    (hx, hz), half = d.hinge, d.half_y
-    if d.count != 2:
-        return kit.tips("jaw", azimuths, d.hinge) if d.count else {}
-    outer = np.array([(GAP_M - hx, half, -hz), (GAP_M - hx, -half, -hz)])
-    return {"jaw_0": outer, "jaw_1": (outer * (-1.0, -1.0, 1.0))[::-1]}
+    if d.count == 2:
+        return dict(zip(("jaw_0", "jaw_1"), edges(d.hinge, d.half_y), strict=True))
+    return kit.tips("jaw", azimuths, d.hinge) if d.count else {}
 
 
 def _heaps(d: Dimensions) -> Heaps:
     """Return what makes heaps between closed jaws of plates."""
     if not (d.count and d.plates):
-        return lambda _cargo, _rng: ()
+        return no_heaps
     u, v = np.meshgrid(np.linspace(-1, 1, 33), np.linspace(-1, 1, 33), indexing="ij")
     if bowl := d.count > 2:
         u, v = u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)  # a square on a disc

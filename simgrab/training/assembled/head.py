@@ -74,9 +74,8 @@ def head(d: Dimensions, chance: Chance, ropes: int) -> list[Part]:
 
 def rope_ends(d: Dimensions, ropes: int) -> Array:
     """Return where the ropes end, shape (ropes, 3), m."""
-    height = 5.4 * kit.shackle_radius(d.size) if ropes == 1 else 0.42
     half = min(0.5 * d.head_half[0], 0.5), min(0.6 * d.head_half[1], 0.8)
-    return kit.ends(ropes, *half, d.head_z[1] + height)
+    return kit.ends_over(ropes, *half, d.head_z[1], d.size)
 
 
 def _body(d: Dimensions, chance: Chance) -> trimesh.Trimesh:

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from simgrab.model.geometry import Array
-from simgrab.model.scenario import AprilTag, Balls, Circles, Markers, Target
+from simgrab.model.scenario import AprilTag, Circles, Markers, Target
 from simgrab.world.scenery.grabs.design import Design
 from simgrab.world.scenery.meshes.part import Material, Part, Texture
 
@@ -55,10 +55,14 @@ def mark_points(plate: Circles | AprilTag, end_height: float) -> Array:
     return np.asarray(corners + plate.position_m + (0.0, 0.0, end_height))
 
 
-def ball(balls: Balls, number: int) -> Part:
-    """Return one of the balls, about the origin of its own frame."""
+def balls_of(markers: Markers) -> list[tuple[float, Part]]:
+    """Return the balls: distance from O, m, towards the middle of the rope ends; shape about the ball's centre."""
+    balls = markers.balls
+    if balls is None:
+        return []
     mesh = trimesh.creation.icosphere(subdivisions=3, radius=balls.diameter_m / 2)
-    return Part(f"ball_{number}", mesh, Material("marker_ball", (*balls.rgb, 1.0), emission=0.2))
+    material = Material("marker_ball", (*balls.rgb, 1.0), emission=0.2)
+    return [(distance, Part(f"ball_{i}", mesh, material)) for i, distance in enumerate(balls.distances_m)]
 
 
 def plate_picture(plate: Circles | AprilTag) -> Texture:

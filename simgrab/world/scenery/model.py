@@ -135,7 +135,7 @@ class World:
         """Put the balls on the line from O to the middle of the rope ends."""
         pose = moment.grab.jib_from_grab
         end = pose.translation + self.plan.grab.terminations[0, 2] * pose.rotation[:, 2]
-        for number, distance in enumerate(self.plan.ball_distances_m):
+        for number, (distance, _) in enumerate(self.plan.balls):
             data.mocap_pos[self._mocap(f"ball_{number}")] = distance / np.linalg.norm(end) * end
             self._show(f"ball_{number}", moment.present, ROPE)
 
@@ -143,27 +143,27 @@ class World:
         self.model.geom_group[self.switches[stem]] = group if shown else HIDDEN
 
 
-def build(scenario: Scenario, plan: Plan, *, textured: bool = False) -> World:
-    """Build the planned world of a scenario.
+def build(plan: Plan, *, textured: bool = False) -> World:
+    """Build a planned world.
 
     Parameters
     ----------
-    scenario : Scenario
     plan : Plan
     textured : bool
         Whether the model includes the textures, for MuJoCo's own renderer.
     """
     spec = mujoco.MjSpec()
-    _set_visuals(spec, scenario)
+    _set_visuals(spec, plan.scenario)
     ground = spec.worldbody.add_body(name="place", mocap=True)
     add_parts(spec, ground, plan.place, group=PLACE, prefix="place")
     add_parts(spec, spec.worldbody, plan.jib, group=JIB, prefix="jib")
     _add_grab(spec, plan)
     rope = _add_ropes(spec, plan.ropes)
-    for number, part in enumerate(plan.balls):
+    balls = [part for _, part in plan.balls]
+    for number, part in enumerate(balls):
         body = spec.worldbody.add_body(name=f"ball_{number}", mocap=True)
         add_parts(spec, body, [part], group=HIDDEN, prefix=f"ball_{number}")
-    own = chain(plan.place, plan.jib, *plan.bodies.values(), plan.heaps, [rope], plan.balls)
+    own = chain(plan.place, plan.jib, *plan.bodies.values(), plan.heaps, [rope], balls)
     materials = {part.material.name: part.material for part in own}
     add_materials(spec, materials.values(), textured=textured)
     model = spec.compile()
@@ -267,10 +267,8 @@ def _switches(model: mujoco.MjModel) -> dict[str, NDArray[np.int64]]:
     """See `World.switches`; ropes outside the grab and its heaps are hidden at first."""
     found: dict[str, list[int]] = {STEEL: [], FALLS: []}
     always = {GRAB: STEEL, ROPE: FALLS}
-    for geom in range(model.ngeom):
-        group = int(model.geom_group[geom])
-        if group == HIDDEN:
-            found.setdefault(model.geom(geom).name.rpartition("/")[0], []).append(geom)
-        elif group in always:
-            found.setdefault(always[group], []).append(geom)
+    for geom, group in enumerate(model.geom_group.tolist()):
+        stem = model.geom(geom).name.rpartition("/")[0] if group == HIDDEN else always.get(group)
+        if stem:
+            found.setdefault(stem, []).append(geom)
     return {stem: np.array(geoms, int) for stem, geoms in found.items()}

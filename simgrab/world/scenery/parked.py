@@ -45,9 +45,8 @@ def parked_grabs(
     designs = [_design(clutter.kinds, rng) for _ in range(clutter.other_grabs)]
     ground = HeightMap.of((part.mesh for part in place), FARTHEST_M + 2 * FOOTPRINT_M)
     parts: list[Part] = []
-    for (number, design), spot in zip(
-        enumerate(designs), _spots(ground, -head_height - BELOW_QUAY_M, rng), strict=False
-    ):
+    spots = _spots(ground, -head_height - BELOW_QUAY_M, rng)
+    for number, (design, spot) in enumerate(zip(designs, spots, strict=False)):
         parts += _grab(number, design, spot, rng)
     return parts
 
@@ -75,12 +74,10 @@ def _spots(ground: HeightMap, lowest: float, rng: np.random.Generator) -> Iterat
 
 def _grab(number: int, design: Design, spot: np.ndarray, rng: np.random.Generator) -> list[Part]:
     """One grab on a spot, in the jib frame; names and materials carry its number."""
-    red, green, blue = colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.2, 0.95), rng.uniform(0.25, 0.9))
-    mixed = finish(
-        (red, green, blue), float(rng.random()), float(rng.random()), str(rng.choice(["coal", "ore", "grain"])), rng
-    )
+    paint = colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.2, 0.95), rng.uniform(0.25, 0.9))
+    mixed = finish(paint, rng.random(), rng.random(), str(rng.choice(["coal", "ore", "grain"])), rng)
     bodies = {body.name: mixed.on(body.parts) for body in design.bodies}
-    frames = design.frames(min(float(rng.uniform(0, MOST_JAW)), design.max_jaw))
+    frames = design.frames(min(rng.uniform(0, MOST_JAW), design.max_jaw))
     lowest = min(part.moved(frames[body]).mesh.bounds[0, 2] for body, parts in bodies.items() for part in parts)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation_z(rng.uniform(0, 2 * np.pi)), spot - (0.0, 0.0, lowest)

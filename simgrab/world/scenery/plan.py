@@ -13,12 +13,12 @@ import trimesh
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
 from simgrab.model.rng import stream
-from simgrab.model.scenario import Draws, Dynamic, Hang, Scenario, Suspension, Variant
+from simgrab.model.scenario import Draws, Dynamic, Hang, Scenario, Variant
 from simgrab.world.scenery import places
 from simgrab.world.scenery.clearance import HeightMap, check_camera
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Design
-from simgrab.world.scenery.markers import ball, marked
+from simgrab.world.scenery.markers import balls_of, marked
 from simgrab.world.scenery.meshes import jib
 from simgrab.world.scenery.meshes.paint import finish
 from simgrab.world.scenery.meshes.part import Part
@@ -40,6 +40,10 @@ class Plan:
 
     Attributes
     ----------
+    scenario : Scenario
+        In which nothing varies.
+    draws : Draws
+        Keys of random details, such as stains.
     grab : Design
     ropes : Ropes
     place : tuple of Part
@@ -50,28 +54,16 @@ class Plan:
         The grab, each body in its own frame.
     heaps : sequence of Part
         Cargo in the grab, one heap for each of `CARGO_LEVELS` or none, in the grab's frame.
-    straight : bool
-        Whether the lens maps straight lines to straight lines.
-    suspension : Suspension
-    balls : sequence of Part
-        Balls between the ropes, each about the origin of its own frame.
-    ball_distances_m : sequence of float
-        Distance of each ball from O, towards the middle of the rope ends.
-    reach_m : float
-        Greatest distance of the grab from the first position of O.
     """
 
+    scenario: Scenario
+    draws: Draws
     grab: Design
     ropes: Ropes
     place: tuple[Part, ...]
     jib: Sequence[Part]
     bodies: Mapping[str, Sequence[Part]]
     heaps: Sequence[Part]
-    straight: bool
-    suspension: Suspension
-    balls: Sequence[Part]
-    ball_distances_m: Sequence[float]
-    reach_m: float
 
     @cached_property
     def shapes(self) -> dict[str, trimesh.Trimesh]:
@@ -82,15 +74,23 @@ class Plan:
     @cached_property
     def outline(self) -> dict[str, Array]:
         """Points (N, 3) of each shape; in every picture the outermost points are among them."""
+        straight = self.scenario.camera.intrinsics.distortion.is_null
         return {
-            name: _cover(np.asarray(mesh.vertices).tobytes(), np.asarray(mesh.faces).tobytes(), straight=self.straight)
+            name: _cover(np.asarray(mesh.vertices).tobytes(), np.asarray(mesh.faces).tobytes(), straight=straight)
             for name, mesh in self.shapes.items()
         }
 
     @cached_property
     def ground(self) -> HeightMap:
         """Height map of the surroundings below the grab."""
-        return _ground(self.place, self.reach_m)
+        swing = self.scenario.swing
+        travels = isinstance(swing, Dynamic) and not isinstance(swing.work, Hang)
+        return _ground(self.place, GRAB_REACH_M + TRAVEL_M * travels)
+
+    @cached_property
+    def balls(self) -> list[tuple[float, Part]]:
+        """Balls on the ropes, as `balls_of` gives them."""
+        return balls_of(self.scenario.markers)
 
     def grab_points(self, state: GrabState) -> Array:
         """Points (N, 3), grab frame, that cover the grab and its load."""
@@ -105,7 +105,7 @@ class Plan:
             if missing <= 0:
                 break
             grab = replace(moment.grab, rope_length=moment.grab.rope_length - missing - 0.01)
-            grab = hung(grab, self.suspension, float(self.grab.terminations[0, 2]))
+            grab = hung(grab, self.scenario.suspension, float(self.grab.terminations[0, 2]))
             moment = replace(moment, grab=grab, clamped=clamped)
         return moment
 
@@ -148,7 +148,7 @@ def draw_up(scenario: Scenario, draws: Draws = FIRST, place: tuple[Part, ...] | 
         If the camera would be in the jib's steel.
     """
     seed, look, head_height = scenario.seed, scenario.grab, scenario.jib.head_height_m
-    grab, balls = marked(design_of(look), scenario.markers), scenario.markers.balls
+    grab = marked(design_of(look), scenario.markers)
     ropes = Ropes.of(scenario.jib, len(grab.terminations))
     _check_camera(scenario, ropes)
     if place is None:
@@ -158,21 +158,18 @@ def draw_up(scenario: Scenario, draws: Draws = FIRST, place: tuple[Part, ...] | 
 
     mixed = finish(look.paint_rgb, look.wear, look.residue, look.cargo, stream(seed, draws.grab, "grab"))
     return Plan(
+        scenario,
+        draws,
         grab,
         ropes,
         place,
         () if scenario.jib.head == "none" else jib.jib_parts(ropes),
         {body.name: mixed.on(body.parts) for body in grab.bodies},
         grab.heaps(look.cargo, stream(seed, draws.grab, "cargo")),
-        straight=scenario.camera.intrinsics.distortion.is_null,
-        suspension=scenario.suspension,
-        balls=[ball(balls, number) for number in range(len(balls.distances_m))] if balls else (),
-        ball_distances_m=balls.distances_m if balls else (),
-        reach_m=_reach(scenario),
     )
 
 
-def replanned(plan: Plan, old: Variant, new: Variant) -> Plan:
+def replanned(plan: Plan, variant: Variant) -> Plan:
     """Plan the world of another variant, with the same parts or the same place where these do not change.
 
     Raises
@@ -180,19 +177,17 @@ def replanned(plan: Plan, old: Variant, new: Variant) -> Plan:
     ScenarioError
         If the camera would be in the jib's steel.
     """
-    if old.draws == new.draws and all(getattr(old.scenario, n) == getattr(new.scenario, n) for n in _OF_PARTS):
-        _check_camera(new.scenario, plan.ropes)
-        straight = new.scenario.camera.intrinsics.distortion.is_null
-        return replace(plan, straight=straight, reach_m=_reach(new.scenario))
-    keys = [
-        (one.draws.place, one.scenario.jib.head_height_m, *(getattr(one.scenario, n) for n in _OF_PLACE))
-        for one in (old, new)
-    ]
-    return draw_up(new.scenario, new.draws, plan.place if keys[0] == keys[1] else None)
+    old, new = plan.scenario, variant.scenario
+    changed = {name for name in _OF_PARTS if getattr(old, name) != getattr(new, name)}
+    if plan.draws == variant.draws and not changed:
+        _check_camera(new, plan.ropes)
+        return replace(plan, scenario=new)
+    stands = plan.draws.place == variant.draws.place and old.jib.head_height_m == new.jib.head_height_m
+    return draw_up(new, variant.draws, plan.place if stands and not changed & _OF_PLACE else None)
 
 
-_OF_PLACE = ("seed", "place", "clutter")
-_OF_PARTS = ("seed", "grab", "jib", "place", "clutter", "markers", "suspension")
+_OF_PLACE = {"seed", "place", "clutter"}
+_OF_PARTS = _OF_PLACE | {"grab", "jib", "markers", "suspension"}
 
 
 def _check_camera(scenario: Scenario, ropes: Ropes) -> None:
@@ -212,12 +207,6 @@ def placed_shapes(grab: Design, jaw: float, load: float) -> dict[str, Array]:
     placed = grab.frames(jaw)
     level = cargo_level(load)
     return placed if level is None else placed | {f"cargo_{level}": np.eye(4)}
-
-
-def _reach(scenario: Scenario) -> float:
-    if not isinstance(scenario.swing, Dynamic) or isinstance(scenario.swing.work, Hang):
-        return GRAB_REACH_M
-    return GRAB_REACH_M + TRAVEL_M
 
 
 @lru_cache(maxsize=1)  # many plans in a row have the same place

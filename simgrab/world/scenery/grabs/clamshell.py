@@ -52,10 +52,12 @@ class _Clam(Shells):
         self.deck_z = _GIRDER[1] * s.z + 0.02
         self.sheave_r = 0.10 + 0.07 * s.mean
         self.sheave_y = tuple(side * 0.34 * s.y + o for side in (-1, 1) for o in (-0.055, 0.055))
+        self.lugs_apart = 0.05 * s.mean + 0.02
         self.ropes_m = ropes_m or (max(0.9 * self.sheave_r, 0.14), 0.34 * s.y)
 
     def design(self) -> Design:
-        return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+        design = self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+        return kit.standing(design, self.keys.volume_m3)
 
     def _roped(self) -> Design:
         crank = SliderCrank(self.hinge, self.head_pin, self.shell_pin)
@@ -79,9 +81,9 @@ class _Clam(Shells):
         ropes = self._ends()
         r = 0.9 * self.sheave_r
         falls = [((x, y, self.sheave_z), (x, y, self.beam_sheave_z - hz)) for y in self.sheave_y for x in (-r, r)]
-        return kit.standing(
-            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
-            closing=kit.closing(len(ropes)), falls=np.array(falls), lips=self.lips(), heaps=self.heaps(),
+        return Design(
+            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, kit.closing(len(ropes)), np.array(falls),
+            lips=self.lips(), heaps=self.heaps(),
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
@@ -110,10 +112,7 @@ class _Clam(Shells):
                 "piston_outer": out, "piston_inner": out,
             }  # fmt: skip
 
-        return kit.standing(
-            bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3, lips=self.lips(),
-            heaps=self.heaps(),
-        )  # fmt: skip
+        return Design(bodies, positions, float(MAX_JAW), self._ends(), lips=self.lips(), heaps=self.heaps())
 
     # The outer shell.
 
@@ -129,12 +128,16 @@ class _Clam(Shells):
         return shapely.union_all([super().outline(), ear]).intersection(shapely.box(GAP_M, -1.0, 9.0, 9.0))
 
     def _shell_lugs(self) -> trimesh.Trimesh:
-        (px, pz), (w, top), m = self.far_pin, self.curve[-1], self.scale.mean
+        w, top = self.curve[-1]
         foot = shapely.Polygon([(w, 0.70 * top), (w, 0.97 * top), (0.80 * w, 0.96 * top), (0.88 * w, 0.80 * top)])
-        eye, apart = 0.05 * m + 0.03, 0.05 * m + 0.02
-        lug = join([prism(hull(circle(px, pz, eye), foot), -0.012, 0.012), pin(px, pz, -0.02, 0.02, 0.7 * eye)])
-        ear = pin(*self.hinge, self.half_y - 0.05, self.half_y + 0.03, 0.06 * m + 0.02)
-        return join([shapes.at_y(lug, *(y + o for y in self.arm_y for o in (-apart, apart))), shapes.mirrored_y(ear)])
+        ear = pin(*self.hinge, self.half_y - 0.05, self.half_y + 0.03, 0.06 * self.scale.mean + 0.02)
+        return join([self._lugs(*self.far_pin, foot), shapes.mirrored_y(ear)])
+
+    def _lugs(self, x: float, z: float, foot: shapely.Polygon) -> trimesh.Trimesh:
+        """Lugs on either side of every arm, round a point and welded to ``foot``."""
+        eye, apart = 0.05 * self.scale.mean + 0.03, self.lugs_apart
+        lug = join([prism(hull(circle(x, z, eye), foot), -0.012, 0.012), pin(x, z, -0.02, 0.02, 0.7 * eye)])
+        return shapes.at_y(lug, *(y + o for y in self.arm_y for o in (-apart, apart)))
 
     def _shell_pins(self) -> trimesh.Trimesh:
         m, (px, pz) = self.scale.mean, self.far_pin
@@ -152,13 +155,9 @@ class _Clam(Shells):
         web = kit.link(start, end, eye, 0.8)
         inner = hull(circle(*start, 0.45 * eye), circle(*end, 0.45 * eye))
         flange = bar.difference(inner)
-        arm = join(
-            [
-                prism(web, -0.012, 0.012),
-                *(prism(part, -half * wide, half * wide) for part in polygons(flange)),
-                *(pin(x, z, -half, half, 1.02 * eye) for x, z in (start, end)),
-            ]
-        )
+        flanges = [prism(part, -half * wide, half * wide) for part in polygons(flange)]
+        bosses = [pin(x, z, -half, half, 1.02 * eye) for x, z in (start, end)]
+        arm = join([prism(web, -0.012, 0.012), *flanges, *bosses])
         parts = [Part("arms", shapes.at_y(arm, *self.arm_y), BARE.body)]
         if len(self.arm_y) == 2:
             x, z = (0.5 * (a + b) for a, b in zip(start, end, strict=True))
@@ -171,25 +170,16 @@ class _Clam(Shells):
         (hx, hz), s, m = self.hinge, self.scale, self.scale.mean
         web_x, end_y, t = 0.205 * s.x, self.half_y - 0.06, 0.010 + 0.008 * m
         low, high = hz - 0.10 * s.z, hz + 0.115 * s.z
-        side = shapely.Polygon(
-            [
-                (-end_y, low + 0.03),
-                (-0.75 * end_y, low),
-                (0.75 * end_y, low),
-                (end_y, low + 0.03),
-                (end_y, hz + 0.08 * s.z),
-                (0.7 * end_y, high),
-                (-0.7 * end_y, high),
-                (-end_y, hz + 0.08 * s.z),
-            ]
-        )
-        web = prism(side, web_x - t, web_x, "x")
-        flange = block((web_x - 0.01, -0.7 * end_y, high - 0.012), (web_x + 0.05 * s.x, 0.7 * end_y, high + 0.006))
-        foot = block((web_x - 0.01, -0.75 * end_y, low - 0.006), (web_x + 0.04 * s.x, 0.75 * end_y, low + 0.014))
+        knee, below, above = hz + 0.08 * s.z, 0.75 * end_y, 0.7 * end_y
+        side = [(-end_y, low + 0.03), (-below, low), (below, low), (end_y, low + 0.03)]
+        side += [(end_y, knee), (above, high), (-above, high), (-end_y, knee)]
+        web = prism(shapely.Polygon(side), web_x - t, web_x, "x")
+        flange = block((web_x - 0.01, -above, high - 0.012), (web_x + 0.05 * s.x, above, high + 0.006))
+        foot = block((web_x - 0.01, -below, low - 0.006), (web_x + 0.04 * s.x, below, low + 0.014))
         flank = join([web, flange, foot])
-        belly = block((-web_x, -0.75 * end_y, low), (web_x, 0.75 * end_y, low + t))
+        belly = block((-web_x, -below, low), (web_x, below, low + t))
         eye = 0.07 * m + 0.03
-        middle = shapely.box(-web_x, hz - 0.05 * s.z, web_x, hz + 0.08 * s.z)
+        middle = shapely.box(-web_x, hz - 0.05 * s.z, web_x, knee)
         plate = rounded(hull(circle(-hx, hz, eye), circle(hx, hz, eye), middle), 0.02)
         ends = [prism(plate, end_y - 0.03, end_y), prism(plate, 0.86 * end_y, 0.86 * end_y + 0.02)]
         ends += [pin(x, hz, 0.84 * end_y, end_y + 0.006, 0.05 * m + 0.025) for x in (-hx, hx)]
@@ -208,8 +198,7 @@ class _Clam(Shells):
     # Head, closed.
 
     def _ends(self) -> Array:
-        height = 5.4 * kit.shackle_radius(self.scale.mean) if self.keys.ropes == 1 else 0.42
-        return kit.ends(self.keys.ropes, *self.ropes_m, self.deck_z + height)
+        return kit.ends_over(self.keys.ropes, *self.ropes_m, self.deck_z, self.scale.mean)
 
     def _head(self) -> list[Part]:
         keys, s = self.keys, self.scale
@@ -247,23 +236,16 @@ class _Clam(Shells):
         shafts = shapes.at_y(shaft, -0.34 * self.scale.y, 0.34 * self.scale.y)
         return [Part("sheaves", wheels, BARE.dark), Part("shafts", shafts, BARE.dark)]
 
-    def _openings(self) -> list[shapely.Polygon]:
-        """Where the deck is open over the sheaves."""
-        if self.keys.drive == "hydraulic":
-            return []
-        r, y = 1.2 * self.sheave_r, 0.34 * self.scale.y
-        return [shapely.box(-r, side * y - 0.11, r, side * y + 0.11) for side in (-1, 1)]
-
     def _deck(self, outline: shapely.Polygon) -> trimesh.Trimesh:
-        plate = outline.difference(shapely.union_all(self._openings())) if self._openings() else outline
-        pieces = shapely.get_parts(plate)  # of a narrow crown, an opening leaves two
+        """Return a deck with a kerb, open over the sheaves."""
+        plate, z = outline, self.deck_z
+        if self.keys.drive == "ropes":
+            r, y = 1.2 * self.sheave_r, 0.34 * self.scale.y
+            openings = [shapely.box(-r, side * y - 0.11, r, side * y + 0.11) for side in (-1, 1)]
+            plate = outline.difference(shapely.union_all(openings))
+        pieces = [prism(piece, z - 0.02, z, "z") for piece in shapely.get_parts(plate)]  # two of a narrow crown
         kerb = outline.difference(outline.buffer(-0.025))
-        return join(
-            [
-                *(prism(piece, self.deck_z - 0.02, self.deck_z, "z") for piece in pieces),
-                prism(kerb, self.deck_z - 0.002, self.deck_z + 0.04, "z"),
-            ]
-        )
+        return join([*pieces, prism(kerb, z - 0.002, z + 0.04, "z")])
 
     def _frame(self) -> trimesh.Trimesh:
         """Two girders along y with cross girders, and a deck."""
@@ -316,12 +298,10 @@ class _Clam(Shells):
         s, m = self.scale, self.scale.mean
         x, z = self.head_pin if self.keys.drive == "ropes" else s.at(*_CYLINDER_PIN)
         low, high = (v * s.z for v in _GIRDER)
-        eye, apart = 0.05 * m + 0.03, 0.05 * m + 0.02
         foot = shapely.box(0.22 * s.x, low + 0.01, 0.32 * s.x, high - 0.01)
-        lug = join([prism(hull(circle(x, z, eye), foot), -0.012, 0.012), pin(x, z, -0.02, 0.02, 0.7 * eye)])
-        both = shapes.at_y(lug, *(y + o for y in self.arm_y for o in (-apart, apart)))
-        bolts = shapes.at_y(pin(x, z, -apart - 0.02, apart + 0.02, 0.022 * m + 0.012, 0.014), *self.arm_y)
-        one = join([both, bolts])
+        reach = self.lugs_apart + 0.02
+        bolts = shapes.at_y(pin(x, z, -reach, reach, 0.022 * m + 0.012, 0.014), *self.arm_y)
+        one = join([self._lugs(x, z, foot), bolts])
         return join([one, shapes.half_turn(one)])
 
     def _column(self) -> Part:

@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.weight import Mass, Weight, spread, together
@@ -72,7 +71,8 @@ class Body:
 Heaps = Callable[[str, np.random.Generator], Sequence[Part]]
 
 
-def _no_heaps(_cargo: str, _rng: np.random.Generator) -> Sequence[Part]:
+def no_heaps(_cargo: str, _rng: np.random.Generator) -> Sequence[Part]:
+    """Make no cargo: the heaps of a grab that holds none."""
     return ()
 
 
@@ -121,10 +121,10 @@ class Design:
     closing: Sequence[int] = ()
     falls: Array = field(default_factory=lambda: NO_ROPES)
     leads: Array = field(default_factory=lambda: NO_ROPES)
-    falls_from: str = ""
-    falls_to: str = ""
+    falls_from: str = "head"
+    falls_to: str = "beam"
     lips: Mapping[str, Array] = field(default_factory=dict)
-    heaps: Heaps = _no_heaps
+    heaps: Heaps = no_heaps
     cargo_kg: float = 0.0
     drag_area_m2: float | None = None
 
@@ -138,12 +138,12 @@ class Design:
         """Of the empty grab."""
         return sum(body.mass_kg for body in self.bodies)
 
-    def frames(self, jaw: float) -> dict[str, NDArray[np.float64]]:
+    def frames(self, jaw: float) -> dict[str, Array]:
         """Return ``grab_from_body``, shape (4, 4), of every body, for an opening of the jaws, rad."""
         if not 0.0 <= jaw <= self.max_jaw:
             raise ValueError(f"jaw is {jaw!r} rad; it must lie in [0, {self.max_jaw:.4f}]")
         positions = self.positions(jaw)
-        found: dict[str, NDArray[np.float64]] = {}
+        found: dict[str, Array] = {}
         for body in self.bodies:
             local = np.eye(4)
             local[:3, 3] = body.pin
@@ -172,10 +172,7 @@ class Design:
         total = 0.0
         for ends, *bodies in pieces:
             if len(ends):
-                first, last = (
-                    trimesh.transform_points(points, frames[body])
-                    for points, body in zip(ends.transpose(1, 0, 2), bodies, strict=True)
-                )
+                first, last = (trimesh.transform_points(ends[:, k], frames[body]) for k, body in enumerate(bodies))
                 total += float(np.linalg.norm(last - first, axis=1).sum())
         return total
 

@@ -28,16 +28,16 @@ def any_of(kind: str, rng: np.random.Generator, volume_m3: tuple[float, float]) 
         return FourRope()
     if kind == "assembled":
         ropes = (4, 2, 1)[rng.integers(3)]
-        keys = {"shape": float(rng.random()), "volume_m3": float(rng.uniform(*volume_m3)), "ropes": ropes}
+        keys = {"shape": rng.random(), "volume_m3": rng.uniform(*volume_m3), "ropes": ropes}
         return msgspec.convert({"model": kind, **keys}, Grab)
 
     def chance(share: float) -> bool:
         return bool(rng.random() < share)
 
     shape: dict[str, object] = {
-        "volume_m3": float(rng.uniform(*volume_m3)),
-        **{name: float(rng.uniform(*_RATIO)) for name in ("width", "length", "height")},
-        "plate_work": float(rng.random()), "teeth": int(rng.choice([0, 0, 4, 7])),
+        "volume_m3": rng.uniform(*volume_m3),
+        **{name: rng.uniform(*_RATIO) for name in ("width", "length", "height")},
+        "plate_work": rng.random(), "teeth": int(rng.choice([0, 0, 4, 7])),
         "ladder": chance(0.3), "guards": chance(0.4), "markings": chance(0.7),
     }  # fmt: skip
     match kind:

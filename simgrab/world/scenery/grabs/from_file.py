@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import warnings
@@ -262,8 +263,13 @@ def _bodies(keys: Mesh, found: list[Piece], centre: Array) -> list[Body]:
     solids = {i: trimesh.util.concatenate([piece.solid for piece in group]) for i, group in groups.items()}
     total = sum(kit.STEEL_KG_M3 * float(solid.volume) for solid in solids.values())
     per_m3 = kit.STEEL_KG_M3 * (1.0 if keys.mass_kg is None else keys.mass_kg / total)
-    made = {-1: Body("head", per_m3 * float(solids[-1].volume), _moved(groups[-1], centre),
-                     own_solid=_shifted(solids[-1], centre))}  # fmt: skip
+
+    def body(i: int, name: str, origin: Array) -> Body:
+        parts = [part for piece in groups[i] for part in piece.parts]
+        return Body(name, per_m3 * float(solids[i].volume), kit.placed(parts, origin.tolist()),
+                    own_solid=solids[i].copy().apply_translation(-origin))  # fmt: skip
+
+    made = {-1: body(-1, "head", centre)}
     while len(made) < len(groups):
         for i, jaw in enumerate(keys.jaws):
             if i in made or above[i] not in made:
@@ -271,9 +277,9 @@ def _bodies(keys: Mesh, found: list[Piece], centre: Array) -> list[Body]:
             hinge = np.array(jaw.hinge_m)
             base = centre if above[i] < 0 else np.array(keys.jaws[above[i]].hinge_m)
             axis = np.array(jaw.axis) / math.hypot(*jaw.axis)
-            made[i] = Body(
-                f"jaw_{i}", per_m3 * float(solids[i].volume), _moved(groups[i], hinge), made[above[i]].name,
-                _point(hinge - base), _point(axis), slides=bool(jaw.stroke_m), own_solid=_shifted(solids[i], hinge),
+            made[i] = dataclasses.replace(
+                body(i, f"jaw_{i}", hinge), parent=made[above[i]].name, pin=_point(hinge - base), axis=_point(axis),
+                slides=bool(jaw.stroke_m),
             )  # fmt: skip
     return list(made.values())
 
@@ -281,14 +287,6 @@ def _bodies(keys: Mesh, found: list[Piece], centre: Array) -> list[Body]:
 def _point(vector: Array) -> tuple[float, float, float]:
     x, y, z = (float(v) for v in vector)
     return x, y, z
-
-
-def _moved(group: list[Piece], origin: Array) -> list[Part]:
-    return kit.placed([part for piece in group for part in piece.parts], origin.tolist())
-
-
-def _shifted(solid: trimesh.Trimesh, origin: Array) -> trimesh.Trimesh:
-    return solid.copy().apply_translation(-origin)
 
 
 def read(keys: Mesh, model: ModelFile) -> ImportedModel:
@@ -361,22 +359,19 @@ def _piece(shape: Shape, vertices: Array, materials: ShapeMaterials) -> Piece | 
     surfaces, outwards = _surfaces(merged)
     closed = all(surface.closed for surface in surfaces)
     parts = []
-    turned = shape.faces.copy()
-    turned[np.flatnonzero(kept)[~outwards]] = turned[np.flatnonzero(kept)[~outwards], ::-1]
+    turned, inwards = shape.faces.copy(), np.flatnonzero(kept)[~outwards]
+    turned[inwards] = turned[inwards, ::-1]
     for number, (faces, material, uv) in enumerate(materials.of(shape)):
         chosen = kept & faces
         if not chosen.any():
             continue
-        own_faces = turned[chosen]
-        used, inverse = np.unique(own_faces, return_inverse=True)
-        own, triangles = vertices[used], inverse.reshape(-1, 3)
-        own_uv = None if uv is None else uv[used]
+        used, inverse = np.unique(turned[chosen], return_inverse=True)
+        triangles = inverse.reshape(-1, 3)
         if not closed:  # drawn from either side
-            triangles = np.concatenate([triangles, triangles[:, ::-1] + len(own)])
-            own = np.concatenate([own, own])
-            own_uv = None if own_uv is None else np.concatenate([own_uv, own_uv])
-        mesh = trimesh.Trimesh(own, triangles, process=False)
-        parts.append(Part(f"{shape.nodes[0]}/{number}", mesh, material, own_uv))
+            triangles = np.concatenate([triangles, triangles[:, ::-1] + len(used)])
+            used = np.tile(used, 2)
+        mesh = trimesh.Trimesh(vertices[used], triangles, process=False)
+        parts.append(Part(f"{shape.nodes[0]}/{number}", mesh, material, None if uv is None else uv[used]))
     return Piece(tuple(parts), shape.nodes, surfaces)
 
 

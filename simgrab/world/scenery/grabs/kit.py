@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 from trimesh.transformations import translation_matrix
 
 from simgrab.model.geometry import Array, rotation_z
 from simgrab.model.scenario.grab import Shaped
 from simgrab.world.scenery import textures
-from simgrab.world.scenery.grabs.design import CARGO_LEVELS, NO_ROPES, Body, Design, Heaps
+from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design, Heaps
 from simgrab.world.scenery.grabs.slider_crank import Cylinder
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import BARE
@@ -109,42 +108,27 @@ def turned(parts: Sequence[Part], azimuth: float) -> list[Part]:
     return [part.moved(pose) for part in parts]
 
 
-def standing(
-    bodies: Sequence[Body],
-    positions: Callable[[float], Mapping[str, float]],
-    max_jaw: float,
-    terminations: Array,
-    *,
-    volume_m3: float,
-    closing: Sequence[int] = (),
-    falls: Array = NO_ROPES,
-    leads: Array = NO_ROPES,
-    between: tuple[str, str] = ("head", "beam"),
-    lips: Mapping[str, Array],
-    heaps: Heaps,
-) -> Design:
-    """Make a design of bodies that stand on z = 0, the head first: A comes to half the height of the closed grab.
+def standing(design: Design, volume_m3: float) -> Design:
+    """Move a design whose closed grab stands on z = 0, and holds a volume: A comes to half its height.
 
-    Heights of the head, its pins, terminations, ends of falls in the head and heaps are above z = 0.
-    ``between`` names the bodies in whose frames falls end; ``leads`` go from the head to the first of them.
+    Heights of the head, its pins, terminations, ends of ropes in the head and heaps are above z = 0.
     """
-    rough = Design(bodies, positions, max_jaw, terminations)
-    heights = np.concatenate(list(rough.points(0.0).values()))[:, 2]
+    heights = np.concatenate(list(design.points(0.0).values()))[:, 2]
     down = np.array([0.0, 0.0, -(float(heights.min()) + float(heights.max())) / 2])
     pose = translation_matrix(down)
-    head, *others = bodies
+    head, *others = design.bodies
     shifted = [replace(head, parts=[part.moved(pose) for part in head.parts])]
     for one in others:
         x, y, z = one.pin
         shifted.append(replace(one, pin=(x, y, z + float(down[2]))) if one.parent == head.name else one)
 
     def lowered(cargo: str, rng: np.random.Generator) -> list[Part]:
-        return [part.moved(pose) for part in heaps(cargo, rng)]
+        return [part.moved(pose) for part in design.heaps(cargo, rng)]
 
+    none = np.zeros(3)
+    falls = design.falls + [down if design.falls_from == head.name else none, none]
     return replace(
-        rough, bodies=shifted, terminations=terminations + down, closing=closing, lips=lips,
-        falls=falls + [down if body == head.name else np.zeros(3) for body in between],
-        leads=leads + [down, np.zeros(3)], falls_from=between[0], falls_to=between[1],
+        design, bodies=shifted, terminations=design.terminations + down, falls=falls, leads=design.leads + [down, none],
         heaps=lowered, cargo_kg=volume_m3 * CARGO_KG_M3,
     )  # fmt: skip
 
@@ -168,6 +152,11 @@ def ends(count: int, half_x: float, half_y: float, z: float) -> Array:
         4: [(half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y)],
     }[count]
     return np.array([(x, y, z) for x, y in at])
+
+
+def ends_over(count: int, half_x: float, half_y: float, deck: float, size: float) -> Array:
+    """Return `ends` as high over a deck as sockets are, or the `shackle` of a single rope for a grab of a size."""
+    return ends(count, half_x, half_y, deck + (5.4 * shackle_radius(size) if count == 1 else 0.42))
 
 
 def closing(count: int) -> tuple[int, ...]:
@@ -256,10 +245,9 @@ def cylinder_parts(
 def shackle(z: float, radius: float) -> trimesh.Trimesh:
     """Return a swivel and shackle, and the hook block above them, on the axis from ``z`` upwards; 5.5 radii high."""
     stem = rod((0, 0, z), (0, 0, z + 1.2 * radius), 0.45 * radius, 14)
-    bow = join(
-        rod(_on_bow(a, radius, z), _on_bow(b, radius, z), 0.2 * radius, 8)
-        for a, b in pairwise(np.linspace(-2.2, 2.2, 9).tolist())
-    )
+    angle = np.linspace(-2.2, 2.2, 9)
+    arc = np.stack([0.75 * radius * np.sin(angle), 0 * angle, z + 1.9 * radius + 0.9 * radius * np.cos(angle)], axis=1)
+    bow = join(rod(a, b, 0.2 * radius, 8) for a, b in pairwise(arc))
     block = shapes.block(
         (-0.55 * radius, -0.9 * radius, z + 2.6 * radius),
         (0.55 * radius, 0.9 * radius, z + 5.2 * radius),
@@ -272,10 +260,6 @@ def shackle(z: float, radius: float) -> trimesh.Trimesh:
 def shackle_radius(size: float) -> float:
     """Return the radius of a `shackle` for a grab of a size, in units of its kind's proportions, m."""
     return 0.07 + 0.06 * size
-
-
-def _on_bow(angle: float, radius: float, z: float) -> tuple[float, float, float]:
-    return float(0.75 * radius * np.sin(angle)), 0.0, float(z + 1.9 * radius + 0.9 * radius * np.cos(angle))
 
 
 def ladder(x: float, half_width: float, y: float, low: float, high: float) -> trimesh.Trimesh:
@@ -315,23 +299,21 @@ def wrap(name: str, mesh: trimesh.Trimesh, material: Material, *, top: float, ar
     return Part(name, mesh, material, np.stack([(p[:, 1] + 0.7 * p[:, 0]) / around, v], axis=1))
 
 
-def curve(points: Sequence[tuple[float, float]], count: int = 17) -> NDArray[np.float64]:
+def curve(points: Sequence[tuple[float, float]], count: int = 17) -> Array:
     """Return a cubic Bézier curve, shape (count, 2)."""
     t = np.linspace(0.0, 1.0, count)[:, None]
     a, b, c, d = np.asarray(points, float)
     return np.asarray((1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d)
 
 
-def offset(line: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+def offset(line: Array, distance: float) -> Array:
     """Move a line (n, 2) to its right-hand side, seen along it."""
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     return np.asarray(line + distance * np.stack([tangent[:, 1], -tangent[:, 0]], axis=1))
 
 
-def band(
-    line: NDArray[np.float64], inner: float, outer: float, first: int = 0, last: int | None = None
-) -> shapely.Polygon:
+def band(line: Array, inner: float, outer: float, first: int = 0, last: int | None = None) -> shapely.Polygon:
     """Return the strip between two offsets of a line, from one of its points to another, at x ≥ 0.003."""
     cut = slice(first, last)
     ring = np.concatenate([offset(line, inner)[cut], offset(line, outer)[cut][::-1]])
@@ -340,7 +322,7 @@ def band(
 
 
 def strip(
-    line: NDArray[np.float64], offsets: tuple[float, float], y: tuple[float, float], first: int = 0,
+    line: Array, offsets: tuple[float, float], y: tuple[float, float], first: int = 0,
     last: int | None = None,
 ) -> trimesh.Trimesh:  # fmt: skip
     """Return the plate that a `band` sweeps from one y to another."""
@@ -381,7 +363,7 @@ def tips(stem: str, azimuths: Sequence[float], hinge: tuple[float, float]) -> di
 
 
 def petal(
-    line: NDArray[np.float64], inner: float, outer: float, half_angle: Callable[[Array, Array], Array], around: Array
+    line: Array, inner: float, outer: float, half_angle: Callable[[Array, Array], Array], around: Array
 ) -> trimesh.Trimesh:
     """Return a closed plate of revolution between two offsets of a line (r, z), m, about azimuth 0.
 
@@ -405,7 +387,7 @@ def petal(
     return shapes.outward(heap(*grids))
 
 
-def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDArray[np.float64]:
+def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> Array:
     """Return the roughness of a heap's surface, m: lumps of two sizes."""
     fine, coarse = rng.standard_normal(shape), rng.standard_normal(shape)
     for axis in (0, 1):
@@ -414,7 +396,7 @@ def lumps(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NDAr
     return np.asarray(size * (0.6 * fine + 1.2 * coarse / coarse.std()))
 
 
-def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float], tuple[Array, ...]]) -> Heaps:
+def heaps(inside: Array, clearance: float, form: Callable[[float], tuple[Array, ...]]) -> Heaps:
     """Return the function that makes heaps of cargo in closed jaws.
 
     Parameters
@@ -443,7 +425,7 @@ def heaps(inside: NDArray[np.float64], clearance: float, form: Callable[[float],
     return make
 
 
-def heap(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> trimesh.Trimesh:
+def heap(top: Array, bottom: Array) -> trimesh.Trimesh:
     """Close the space between two grids of points, shapes (n, m, 3), the second below the first."""
     upper, rim = shapes.grid(*top.shape[:2])
     after, down = np.roll(rim, -1), top.shape[0] * top.shape[1]

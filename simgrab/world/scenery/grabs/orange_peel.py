@@ -12,12 +12,11 @@ from __future__ import annotations
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.model.scenario.grab import OrangePeel
 from simgrab.world.scenery.grabs import kit
-from simgrab.world.scenery.grabs.design import Design, Heaps
+from simgrab.world.scenery.grabs.design import Body, Design, Heaps, no_heaps
 from simgrab.world.scenery.grabs.kit import Scale
 from simgrab.world.scenery.grabs.slider_crank import Cylinder, SliderCrank
 from simgrab.world.scenery.meshes import shapes
@@ -60,19 +59,19 @@ class _Peel:
         self.sheave_r, self.sheave_z = _SHEAVE_R * min(s.x, s.z) * 0.9, _CROWN[0] * s.z + 0.02
 
     def design(self) -> Design:
-        return self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+        design = self._hydraulic() if self.keys.drive == "hydraulic" else self._roped()
+        return kit.standing(design, self.keys.volume_m3)
 
     def _roped(self) -> Design:
         crank = SliderCrank(self.hinge, self.head_pin, self.jaw_pin)
-        (hx, hz), (px, pz) = self.hinge, self.head_pin
+        hx, hz = self.hinge
         beam = kit.placed(self._beam(), (0, 0, hz))
-        bodies = [kit.body("head", self._head())]
-        bodies.append(kit.body("beam", beam, "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True))
-        tine, bar = self._tine(), self._rod()
-        for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"tine_{k}", tine, "beam", azimuth, (hx, 0.0), (hx, hz)))
-        for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"rod_{k}", bar, "head", azimuth, (px, pz), (px, pz)))
+        bodies = [
+            kit.body("head", self._head()),
+            kit.body("beam", beam, "head", (0.0, 0.0, hz), (0.0, 0.0, 1.0), slides=True),
+            *self._round("tine", self._tine(), "beam", (hx, 0.0), self.hinge),
+            *self._round("rod", self._rod(), "head", self.head_pin, self.head_pin),
+        ]
         count = self.keys.tines
 
         def positions(jaw: float) -> dict[str, float]:
@@ -83,21 +82,20 @@ class _Peel:
         ropes = self._ends()
         r, low = self.sheave_r, 0.11 * self.scale.z
         falls = [((x, y, self.sheave_z), (x, y, low)) for x in (-r, r) for y in self.sheave_y]
-        return kit.standing(
-            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, volume_m3=self.keys.volume_m3,
-            closing=kit.closing(len(ropes)), falls=np.array(falls),
+        return Design(
+            bodies, positions, kit.widest(crank.at, MAX_JAW), ropes, kit.closing(len(ropes)), np.array(falls),
             lips=kit.tips("tine", self.azimuths, self.hinge), heaps=self._heaps(),
         )  # fmt: skip
 
     def _hydraulic(self) -> Design:
         cylinder = Cylinder(self.hinge, self.scale.at(*_CYLINDER_HEAD_PIN), self.jaw_pin)
-        (hx, hz), (px, pz) = self.hinge, cylinder.head_pin
+        px, pz = cylinder.head_pin
         end = np.subtract(self.tine_pin, cylinder.head_pin)
         along = end / np.linalg.norm(end)
-        bodies = [kit.body("head", [*self._head(), self._column(), *self._beam()])]
-        tine = self._tine()
-        for k, azimuth in enumerate(self.azimuths):
-            bodies.append(kit.hinged(f"tine_{k}", tine, "head", azimuth, (hx, hz), (hx, hz)))
+        bodies = [
+            kit.body("head", [*self._head(), self._column(), *self._beam()]),
+            *self._round("tine", self._tine(), "head", self.hinge, self.hinge),
+        ]
         barrel, piston = kit.cylinder_parts(cylinder, 0.055 * self.scale.mean + 0.02, (0.8, 0.75), 0.05, MAX_JAW, 0.0)
         for k, azimuth in enumerate(self.azimuths):
             bodies.append(kit.hinged(f"barrel_{k}", barrel, "head", azimuth, (px, pz), (px, pz)))
@@ -112,14 +110,18 @@ class _Peel:
             turns = {f"tine_{k}": -jaw for k in range(count)} | {f"barrel_{k}": angle for k in range(count)}
             return turns | {f"piston_{k}": out for k in range(count)}
 
-        return kit.standing(
-            bodies, positions, float(MAX_JAW), self._ends(), volume_m3=self.keys.volume_m3,
-            lips=kit.tips("tine", self.azimuths, self.hinge), heaps=self._heaps(),
-        )  # fmt: skip
+        lips = kit.tips("tine", self.azimuths, self.hinge)
+        return Design(bodies, positions, float(MAX_JAW), self._ends(), lips=lips, heaps=self._heaps())
+
+    def _round(
+        self, name: str, parts: list[Part], parent: str, pin: tuple[float, float], origin: tuple[float, float]
+    ) -> list[Body]:
+        """Make a body for each tine, as `hinged` does."""
+        return [kit.hinged(f"{name}_{k}", parts, parent, at, pin, origin) for k, at in enumerate(self.azimuths)]
 
     # The tine, in the plane y = 0.
 
-    def _half_angle(self, r: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _half_angle(self, r: Array, z: Array) -> Array:
         """Half of the angle that a tine's plate covers, by radius and height."""
         sector = np.pi / self.keys.tines - np.arcsin(np.minimum(_GAP_M / r, 0.5))
         if self.keys.shells == "closed":
@@ -180,15 +182,11 @@ class _Peel:
         low, high = (kit.offset(line, d)[index] for d in (t - 0.003, t + height))
         angle = float(self._half_angle(np.maximum(line[index, :1], 0.012), line[index, 1:])[0]) * 0.96
         around = np.linspace(-angle, angle, 7)
-        thick = np.array([0.0, 0.016 + 0.008 * self.scale.mean])
         along = np.gradient(line, axis=0)[index]
-        along = along / np.linalg.norm(along)
-        points = []
-        for end in (low, high):
-            for depth in thick:
-                r, z = end + depth * along
-                points.append(np.stack([r * np.cos(around), r * np.sin(around), np.full(7, z)], axis=-1))
-        return shapes.outward(kit.heap(np.stack([points[2], points[3]]), np.stack([points[0], points[1]])))
+        thick = (0.016 + 0.008 * self.scale.mean) * (along / np.linalg.norm(along))
+        r, z = np.stack([low, low + thick, high, high + thick], axis=1)[..., None]
+        edges = np.stack([r * np.cos(around), r * np.sin(around), np.broadcast_to(z, (4, 7))], axis=-1)
+        return shapes.outward(kit.heap(edges[2:], edges[:2]))
 
     def _tip(self, height: float, half: float) -> trimesh.Trimesh:
         """Cast tip on the lower end of a tine; with teeth it is longer and pointed."""
@@ -209,19 +207,17 @@ class _Peel:
 
     def _rod(self) -> list[Part]:
         """Rod between head and tine, closed."""
-        (ax, az), (px, pz), s = self.head_pin, self.tine_pin, self.scale.mean
+        ends, s = (self.head_pin, self.tine_pin), self.scale.mean
         eye, half = 0.05 * s + 0.025, 0.022 * s + 0.012
-        plate = prism(kit.link(self.head_pin, self.tine_pin, eye, 0.6), -half, half)
-        pins = join(pin(x, z, -half - 0.03, half + 0.03, 0.5 * eye, 0.012) for x, z in ((ax, az), (px, pz)))
+        plate = prism(kit.link(*ends, eye, 0.6), -half, half)
+        pins = join(pin(*end, -half - 0.03, half + 0.03, 0.5 * eye, 0.012) for end in ends)
         return [Part("rod", plate, BARE.body), Part("rod_pins", pins, BARE.dark)]
 
     # Head and lower block, round the axis.
 
     def _ends(self) -> Array:
-        top = _CROWN[1] * self.scale.z
         half = 0.17 * self.scale.x
-        height = 5.4 * kit.shackle_radius(self.scale.mean) if self.keys.ropes == 1 else 0.42
-        return kit.ends(self.keys.ropes, half, 1.4 * half, top + height)
+        return kit.ends_over(self.keys.ropes, half, 1.4 * half, _CROWN[1] * self.scale.z, self.scale.mean)
 
     def _head(self) -> list[Part]:
         keys, s = self.keys, self.scale
@@ -246,9 +242,7 @@ class _Peel:
         else:
             parts += kit.holders(self._ends(), roped, 0.40, 0.42)
         if roped:
-            sheaves = join(shapes.sheave((0.0, y, self.sheave_z), self.sheave_r, 0.016) for y in self.sheave_y)
-            shaft = pin(0.0, self.sheave_z, -0.30 * s.x, 0.30 * s.x, 0.04 + 0.01 * s.mean)
-            parts += [Part("sheaves", sheaves, BARE.dark), Part("shaft", shaft, BARE.dark)]
+            parts += self._sheaves(self.sheave_z, 0.30 * s.x)
         else:
             tank = prism(_ngon(0.30 * s.x, 16), high - 0.01, high + 0.16 * s.z, "z")
             motor = shapes.block((0.05 * s.x, -0.12 * s.x, high), (0.36 * s.x, 0.12 * s.x, high + 0.10 * s.z), 0.01)
@@ -271,8 +265,7 @@ class _Peel:
         low, high = (z * s.z for z in _CROWN)
         foot = shapely.box(0.30 * s.x, low + 0.02, 0.38 * s.x, high - 0.03)
         lug = hull(circle(ax, az, eye), foot)
-        one = join([prism(lug, o - thick / 2, o + thick / 2) for o in (-apart, apart)])
-        return join(part.mesh for a in self.azimuths for part in kit.turned([Part("lug", one, BARE.body)], a))
+        return self._at_tines(join(prism(lug, o - thick / 2, o + thick / 2) for o in (-apart, apart)))
 
     def _column(self) -> Part:
         """Column of a hydraulic grab, from the head down to the tines' hinges."""
@@ -287,26 +280,31 @@ class _Peel:
         hub = prism(_ngon(radius, 24), hz - 0.10 * s.z, hz + 0.08 * s.z, "z")
         eye, apart = 0.06 * s.mean + 0.02, 0.035 * s.mean + 0.008
         lug = hull(circle(hx, hz, eye), shapely.box(0.4 * hx, hz - 0.09 * s.z, 0.6 * hx, hz + 0.07 * s.z))
-        one = Part("lug", join([prism(lug, o - thick / 4, o + thick / 4) for o in (-apart, apart)]), BARE.body)
-        lugs = join(part.mesh for a in self.azimuths for part in kit.turned([one], a))
+        lugs = self._at_tines(join(prism(lug, o - thick / 4, o + thick / 4) for o in (-apart, apart)))
         parts = [Part("hub", hub, BARE.body), Part("lugs", lugs, BARE.body)]
         if self.keys.drive == "ropes":
             z = hz + 0.11 * s.z
-            sheaves = join(shapes.sheave((0.0, y, z), self.sheave_r, 0.016) for y in self.sheave_y)
-            shaft = pin(0.0, z, -0.29 * s.x, 0.29 * s.x, 0.04 + 0.01 * s.mean)
             foot = shapely.box(-0.5 * radius, hz, 0.5 * radius, hz + 0.05 * s.z)
             cheek = hull(circle(0.0, z, 0.6 * self.sheave_r), foot)
             places = (-0.29 * s.x, 0.29 * s.x, self.sheave_y[1] + 0.06, self.sheave_y[2] - 0.06)
-            parts += [
-                Part("sheaves", sheaves, BARE.dark),
-                Part("shaft", shaft, BARE.dark),
-                Part("plates", join(prism(cheek, y - 0.008, y + 0.008) for y in places), BARE.body),
-            ]
+            plates = join(prism(cheek, y - 0.008, y + 0.008) for y in places)
+            parts += [*self._sheaves(z, 0.29 * s.x), Part("plates", plates, BARE.body)]
         return parts
+
+    def _sheaves(self, z: float, half: float) -> list[Part]:
+        """Sheaves at a height, on a shaft that reaches ``half`` to either side."""
+        wheels = join(shapes.sheave((0.0, y, z), self.sheave_r, 0.016) for y in self.sheave_y)
+        shaft = pin(0.0, z, -half, half, 0.04 + 0.01 * self.scale.mean)
+        return [Part("sheaves", wheels, BARE.dark), Part("shaft", shaft, BARE.dark)]
+
+    def _at_tines(self, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+        """Repeat a mesh at the azimuth of every tine."""
+        part = Part("", mesh, BARE.body)
+        return join(kit.turned([part], azimuth)[0].mesh for azimuth in self.azimuths)
 
     def _heaps(self) -> Heaps:
         if self.keys.shells == "open":
-            return lambda _cargo, _rng: ()
+            return no_heaps
         line, top = self.curve, float(self.curve[-1, 1])
         grid = np.linspace(-1.0, 1.0, 41)
         u, v = np.meshgrid(grid, grid, indexing="ij")

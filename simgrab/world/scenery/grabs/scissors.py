@@ -94,10 +94,9 @@ class _Scissors(Shells):
         closing = kit.closing(len(ropes))
         leads = np.array([[ropes[i] - (0.0, 0.0, 0.43), (gx, float(np.sign(ropes[i][1])) * self.rope_y[-1], gz)]
                           for i in closing])  # fmt: skip
-        return kit.standing(
-            bodies, positions, self.max_jaw, ropes, volume_m3=self.keys.volume_m3, closing=closing,
-            falls=falls, leads=leads, between=("shell_outer", "shell_inner"), lips=self.lips(), heaps=self.heaps(),
-        )  # fmt: skip
+        rough = Design(bodies, positions, self.max_jaw, ropes, closing, falls, leads, "shell_outer", "shell_inner",
+                       self.lips(), self.heaps())  # fmt: skip
+        return kit.standing(rough, self.keys.volume_m3)
 
     def _lever(self) -> list[Part]:
         """Return the outer lever: two plates from the shell's rim past the pivot to the block at their upper end."""
@@ -156,7 +155,7 @@ class _Scissors(Shells):
 
     def _ends(self) -> Array:
         s = self.scale
-        return kit.ends(self.keys.ropes, 0.20 * s.x, 0.38 * s.y, self.yoke[1] + 0.42)
+        return kit.ends_over(self.keys.ropes, 0.20 * s.x, 0.38 * s.y, self.yoke[1], s.mean)
 
     def _yoke(self) -> list[Part]:
         keys, s, m = self.keys, self.scale, self.scale.mean

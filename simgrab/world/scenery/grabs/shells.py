@@ -162,9 +162,7 @@ class Shells:
 
     def lips(self) -> dict[str, Array]:
         """Return the ends of the cutting edges, in the frames of bodies whose origin is the hinge."""
-        (hx, hz), hl = self.hinge, self.half_y
-        outer = np.array([(GAP_M - hx, hl, -hz), (GAP_M - hx, -hl, -hz)])
-        return {"shell_outer": outer, "shell_inner": (outer * (-1.0, -1.0, 1.0))[::-1]}
+        return dict(zip(("shell_outer", "shell_inner"), edges(self.hinge, self.half_y), strict=True))
 
     def heaps(self) -> Heaps:
         """Return the function that makes heaps in the closed shells."""
@@ -181,6 +179,13 @@ class Shells:
             return edge * u, half_y * v, np.abs(edge * u), smooth, (1 - u**4) * (1 - v**6)
 
         return kit.heaps(self.curve, _CLEARANCE_M, form)
+
+
+def edges(hinge: tuple[float, float], half_y: float) -> tuple[Array, Array]:
+    """Return the ends of the cutting edges of an outer and an inner shell, (2, 3) each, from their hinges."""
+    (x, z), y = hinge, half_y
+    outer = np.array([(GAP_M - x, y, -z), (GAP_M - x, -y, -z)])
+    return outer, (outer * (-1.0, -1.0, 1.0))[::-1]
 
 
 def polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:

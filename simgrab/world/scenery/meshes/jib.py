@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.jib_access import bracket, floodlights, lenses, platform_frame, platform_grating
@@ -37,21 +37,19 @@ _LENS = Material("jib_lens", rgba=(0.92, 0.93, 0.88, 1.0), specular=0.9, shinine
 def jib_parts(ropes: Ropes) -> tuple[Part, ...]:
     """Return the parts of a jib head for these ropes in the jib frame."""
     dark = Material("jib_dark", texture=textures.load("grease"), tile_m=0.6, specular=0.35)
-    fixed_trunk, *rest = _fixed_parts()
     return (
         Part("cheeks", _cheeks(ropes), _PAINT),
         Part("guards", _guards(ropes), _YELLOW),
-        fixed_trunk,
         Part("sheaves", _sheaves(ropes), dark),
         Part("shafts", _shafts(ropes), dark),
-        *rest,
+        *_fixed_parts(),
         *_rope_runs(ropes),
     )
 
 
 @cache
 def _fixed_parts() -> tuple[Part, ...]:
-    """Return the parts that no rope changes, the trunk first."""
+    """Return the parts that no rope changes."""
     return (
         Part("trunk", _trunk(), _PAINT),
         Part("platform", platform_frame(), _PAINT),
@@ -91,7 +89,7 @@ def _trunk() -> trimesh.Trimesh:
     return join(pieces)
 
 
-def _chain(points: NDArray[np.float64], radius: float) -> list[trimesh.Trimesh]:
+def _chain(points: Array, radius: float) -> list[trimesh.Trimesh]:
     """Make a chord through points, each piece a little longer than its panel so that the joints close."""
     pieces = []
     for a, b in pairwise(points):
@@ -145,8 +143,8 @@ def _guards(ropes: Ropes) -> trimesh.Trimesh:
         corner = hull(shapely.MultiPoint([(x, SHEAVE_Z), (x + 0.9, SHEAVE_Z + 0.35), (x + 0.2, SHEAVE_Z + 0.9)]))
         hoop = ring.intersection(corner)
         pieces.append(prism(hoop, y - 0.05, y + 0.05))
-        for px, pz in ((0.33, 0.36), (0.13, 0.465)):
-            pieces.append(rod((x + px, y - 0.07, SHEAVE_Z + pz), (x + px, y + 0.07, SHEAVE_Z + pz), 0.01, 8))
+        bars = ((x + 0.33, SHEAVE_Z + 0.36), (x + 0.13, SHEAVE_Z + 0.465))
+        pieces += [rod((px, y - 0.07, pz), (px, y + 0.07, pz), 0.01, 8) for px, pz in bars]
     return join(pieces)
 
 
@@ -156,7 +154,7 @@ def _rope_runs(ropes: Ropes) -> list[Part]:
     for i, (x, y) in enumerate(_axes(ropes)):
         along = np.array([[0, 0, -1, x], [0, 1, 0, y], [1, 0, 0, SHEAVE_Z + SHEAVE_RADIUS], [0, 0, 0, 1]], float)
         parts.append(rope_part(x - _TAIL_X, f"run_{i}", ropes.radius_m).moved(along))
-        bend = shapes.bent_rod(SHEAVE_RADIUS, ropes.radius_m, 10)  # from the sheave's top to its outboard side
+        bend = shapes.bent_rod(SHEAVE_RADIUS, ropes.radius_m)  # from the sheave's top to its outboard side
         bend.apply_translation((x, y, SHEAVE_Z))
         parts.append(Part(f"bend_{i}", bend, parts[0].material))
     return parts

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.world.scenery import textures
-from simgrab.world.scenery.meshes.part import Material, Part, Texture
+from simgrab.world.scenery.meshes.part import Material, Paint, Part, Texture
 
 Picture = NDArray[np.float64]
 Colour = tuple[float, float, float]
@@ -86,16 +86,15 @@ def finish(paint: Colour, wear: float, residue: float, cargo: str, rng: np.rando
         Generator that shifts the masks, so that wear differs between grabs.
     """
     shift = rng.integers(_SIZE, size=2)
-    mixed = partial(_mixed, paint, wear, residue, cargo, (int(shift[0]), int(shift[1])))
+
+    def texture(name: str) -> Paint:
+        return lambda: _mixed(paint, wear, residue, cargo, (int(shift[0]), int(shift[1])))[name]
+
     return Finish(**{
-        name: Material(f"grab_{name}", texture=partial(_one, mixed, name), tile_m=tile_m, specular=specular,
+        name: Material(f"grab_{name}", texture=texture(name), tile_m=tile_m, specular=specular,
                        shininess=0.3)
         for name, (tile_m, specular) in _COATS.items()
     })  # fmt: skip
-
-
-def _one(mixed: Callable[[], dict[str, Texture]], name: str) -> Texture:
-    return mixed()[name]
 
 
 @lru_cache(maxsize=8)  # of many worlds, one after the other, the grab looks the same
@@ -116,24 +115,20 @@ def _mixed(paint: Colour, wear: float, residue: float, cargo: str, shift: tuple[
         return (1.0 - cover) * picture + cover * colour * (0.85 + 0.3 * dust[..., None])
 
     painted = _paint(np.array(paint), tone)
-    body = dusty(_worn(painted, lost, np.full_like(lost, wear), rust, bright))
-    stripes = dusty(_worn(_paint(_stripes(), tone), lost, np.full_like(lost, wear), rust, bright))
-    shell = dusty(_worn(painted, lost, local, rust, bright))
     rubbed = np.clip(1.15 - 0.9 * height - 0.5 * tone, 0, 1)[..., None]
-    lining = dusty(0.8 * (rubbed * bright + (1 - rubbed) * rust), 1.3)
     pictures = {
-        "body": body,
-        "hazard": stripes,
+        "body": dusty(_worn(painted, lost, wear, rust, bright)),
+        "hazard": dusty(_worn(_paint(_stripes(), tone), lost, wear, rust, bright)),
         "plate": dusty(_plate() * (0.85 + 0.15 * tone[..., None]), 0.5),
         "dark": dusty(grease, 0.6),
-        "shell": shell,
-        "lining": lining,
+        "shell": dusty(_worn(painted, lost, local, rust, bright)),
+        "lining": dusty(0.8 * (rubbed * bright + (1 - rubbed) * rust), 1.3),
         "lip": dusty(1.12 * bright, 0.4),
     }
     return {name: _texture(picture) for name, picture in pictures.items()}
 
 
-def _worn(painted: Picture, lost: Picture, wear: Picture, rust: Picture, bright: Picture) -> Picture:
+def _worn(painted: Picture, lost: Picture, wear: Picture | float, rust: Picture, bright: Picture) -> Picture:
     """Lay paint over steel except a share ``wear``, where steel is bright if worn first, and rusted elsewhere."""
     bare = _step(lost, wear, 0.03, below=True)
     faded = _step(lost, wear + 0.06, 0.06, below=True)[..., None]  # rust creeps under the edge and stains

@@ -11,9 +11,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from simgrab.model.geometry import Array
+
 Texture = NDArray[np.uint8]
 Paint = Callable[[], Texture]
-Corners = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+Corners = tuple[Array, Array, Array]
 CREASE_ANGLE = np.radians(35.0)  # edges sharper than this keep their facets
 
 
@@ -71,9 +73,9 @@ class Part:
     name: str
     mesh: trimesh.Trimesh
     material: Material
-    uv: NDArray[np.float64] | None = None
+    uv: Array | None = None
 
-    def moved(self, transform: NDArray[np.float64], name: str | None = None) -> Part:
+    def moved(self, transform: Array, name: str | None = None) -> Part:
         """Return the part moved by a 4×4 transform; a given ``uv`` moves along, a projected one is projected again."""
         mesh = self.mesh.copy()
         mesh.apply_transform(transform)
@@ -155,7 +157,7 @@ def add_materials(spec: mujoco.MjSpec, materials: Iterable[Material], *, texture
 
 
 @lru_cache(maxsize=512)  # many shapes, such as the grab's and the jib's, are the same in every world
-def _corner_normals(vertices: bytes, triangles: bytes) -> NDArray[np.float64]:
+def _corner_normals(vertices: bytes, triangles: bytes) -> Array:
     """Average, at every face corner, the normals of the smoothly joined faces around it, weighted by angle."""
     faces = np.frombuffer(triangles, np.int64).reshape(-1, 3)
     mesh = trimesh.Trimesh(np.frombuffer(vertices).reshape(-1, 3), faces, process=False)

@@ -9,7 +9,7 @@ import numpy as np
 from simgrab.model.scenario import Jib
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes.part import Material, Part
-from simgrab.world.scenery.meshes.shapes import solid
+from simgrab.world.scenery.meshes.shapes import solid, walls
 
 LAY_M = 0.21  # length in which a strand runs once round: 6.5 diameters of the usual rope
 STAGGER_M = 0.12  # two sheaves side by side cannot serve one plane: so far apart in y are the ropes of a pair
@@ -60,11 +60,8 @@ def rope_part(length: float, name: str, radius: float) -> Part:
     levels = np.array([0.0, length])
     vertices = np.concatenate([np.column_stack([section, np.full(n, z)]) for z in levels])
     uv = np.concatenate([np.column_stack([u, np.full(n, z / LAY_M)]) for z in levels])
-    i = np.arange(n)
-    j = np.roll(i, -1)
-    walls = np.concatenate([np.stack([i, j, j + n], 1), np.stack([i, j + n, i + n], 1)])
     i = np.arange(_SIDES)
     axis = np.full(_SIDES, n - 1)
     ends = np.concatenate([np.stack([i + 1, i, axis], 1), np.stack([i + n, i + 1 + n, axis + n], 1)])
     material = Material("rope", texture=textures.load("rope"), specular=0.25, shininess=0.2)
-    return Part(name, solid(vertices, np.concatenate([walls, ends])), material, uv)
+    return Part(name, solid(vertices, np.concatenate([walls(np.arange(2 * n).reshape(2, n)), ends])), material, uv)

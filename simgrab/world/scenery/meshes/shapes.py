@@ -73,17 +73,20 @@ def pin(x: float, z: float, y_low: float, y_high: float, radius: float, head: fl
 
 def profile(section: shapely.Polygon, start: ArrayLike, end: ArrayLike) -> trimesh.Trimesh:
     """Run a section from one point to another; its second coordinate points upwards, its origin on the line."""
-    a, b = np.asarray(start, float), np.asarray(end, float)
-    length = float(np.linalg.norm(b - a))
-    along = (b - a) / length
-    side = np.cross((0.0, 0.0, 1.0), along)
-    side /= np.linalg.norm(side)
+    length, axes = way(start, end)
     pose = np.eye(4)
-    pose[:3, :3] = np.stack([side, np.cross(along, side), along], axis=1)
-    pose[:3, 3] = a
-    mesh = trimesh.creation.extrude_polygon(section, length)
-    mesh.apply_transform(pose)
-    return mesh
+    pose[:3, :3], pose[:3, 3] = axes, start
+    return trimesh.creation.extrude_polygon(section, length).apply_transform(pose)
+
+
+def way(start: ArrayLike, end: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    """Return the length of a way that is not vertical, and unit vectors to the left, upwards and along it: columns."""
+    along = np.subtract(end, start)
+    length = float(np.linalg.norm(along))
+    along = along / length
+    left = np.cross((0.0, 0.0, 1.0), along)
+    left /= np.linalg.norm(left)
+    return length, np.stack([left, np.cross(along, left), along], axis=1)
 
 
 def i_section(height: float, width: float, web: float, flange: float) -> shapely.Polygon:
@@ -103,14 +106,8 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
     """Return a grooved sheave about the y axis; a rope's centre line runs on its pitch radius."""
     bottom, rim, half = pitch_radius - rope_radius, pitch_radius + 1.6 * rope_radius, 2.4 * rope_radius
     inner, hub = bottom - 1.0 * rope_radius, max(0.25 * pitch_radius, 0.045)
-    side = [
-        (hub * 0.5, half * 1.15),
-        (hub, half * 1.15),
-        (hub, half * 0.4),
-        (inner, half * 0.4),
-        (inner, half),
-        (rim, half),
-    ]
+    boss, web = half * 1.15, half * 0.4
+    side = [(hub * 0.5, boss), (hub, boss), (hub, web), (inner, web), (inner, half), (rim, half)]
     groove = (bottom, 0.3 * half)
     outline = [*side, groove, *[(r, -o) for r, o in reversed([*side, groove])]]
     mesh = turned(outline, sections)
@@ -121,6 +118,13 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
 def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
     """Put closed meshes into one, vertices unmerged, so that it stays watertight."""
     return trimesh.util.concatenate(list(meshes))
+
+
+def walls(rings: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the triangles between closed rings of points, given by their numbers (k, n), each joined to the next."""
+    i, j = rings, np.roll(rings, -1, axis=1)
+    ways = np.stack([i[:-1], j[:-1], j[1:]], axis=-1), np.stack([i[:-1], j[1:], i[1:]], axis=-1)
+    return np.stack(ways, axis=1).reshape(-1, 3)
 
 
 def grid(n: int, m: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -162,22 +166,17 @@ def circle(x: float, z: float, radius: float, quarter: int = 5) -> shapely.Polyg
     return shapely.Point(x, z).buffer(radius, quad_segs=quarter)
 
 
-def bent_rod(bend_radius: float, radius: float, steps: int) -> trimesh.Trimesh:
+def bent_rod(bend_radius: float, radius: float) -> trimesh.Trimesh:
     """Return a quarter of a round bar about the y axis through the origin, from +x to +z."""
-    sections = 8
+    steps, sections = 10, 8
     angle = np.linspace(0.0, np.pi / 2, steps + 1)[:, None]
     turn = np.arange(sections) * 2 * np.pi / sections
     reach = bend_radius + radius * np.cos(turn)
     across = np.broadcast_to(radius * np.sin(turn), (steps + 1, sections))
     tube = np.stack([reach * np.cos(angle), across, reach * np.sin(angle)], axis=-1).reshape(-1, 3)
-    i = np.arange(sections)
-    j = (i + 1) % sections
-    rings = np.arange(steps)[:, None] * sections
-    walls = [
-        np.stack([i + rings, q, p], axis=-1).reshape(-1, 3)
-        for q, p in ((j + rings + sections, j + rings), (i + rings + sections, j + rings + sections))
-    ]
+    i = np.arange(len(tube)).reshape(-1, sections)
+    j = np.roll(i, -1, axis=1)
+    sides = [np.stack([j[:-1], j[1:], i[:-1]], axis=-1), np.stack([j[1:], i[1:], i[:-1]], axis=-1)]
     k = np.arange(1, sections - 1)
-    last = steps * sections
-    ends = [np.stack([0 * k, k + 1, k], axis=1)[:, ::-1], np.stack([0 * k, k, k + 1], axis=1)[:, ::-1] + last]
-    return solid(tube, np.concatenate([*walls, *ends])[:, ::-1])
+    ends = [np.stack([0 * k, k + 1, k], axis=1), np.stack([0 * k, k, k + 1], axis=1) + i[-1, 0]]
+    return solid(tube, np.concatenate([*(side.reshape(-1, 3) for side in sides), *ends]))

@@ -6,6 +6,7 @@ Quay frame: x along the edge, y landward, z up from the quay surface; the vertic
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -83,7 +84,7 @@ def joints(canvas: Canvas, rng: np.random.Generator) -> None:
             canvas.stripe(start, end, 0.045, (62, 60, 56), opacity=0.85, wear=0.12)
             side = np.array([0.0, 0.12]) if along_x else np.array([0.12, 0.0])
             a, b = np.array(start), np.array(end)
-            canvas.grime([a - side, b - side, b + side, a + side], float(rng.uniform(0.05, 0.22)), blur=0.10)
+            canvas.grime([a - side, b - side, b + side, a + side], rng.uniform(0.05, 0.22), blur=0.10)
     for column in np.arange(-half, half, SLAB):
         for row in np.arange(-half, half, SLAB):
             if rng.random() < 0.35:
@@ -119,11 +120,11 @@ def apron(edge_y: float, *, pixels: int, wear: float, rng: np.random.Generator) 
     for lane in (rails[0] + 5.0, rails[1] + 4.7, rails[1] + 8.9):
         for _ in range(3):
             drift = rng.normal(0, 0.5) + 0.25 * np.sin(way / 9 + rng.uniform(0, 6))
-            canvas.tracks(np.stack([way, lane + drift], 1), 0.30 * (0.5 + wear), width=float(rng.uniform(0.35, 0.6)))
+            canvas.tracks(np.stack([way, lane + drift], 1), 0.30 * (0.5 + wear), width=rng.uniform(0.35, 0.6))
     for _ in range(round(30 + 60 * wear)):
-        canvas.blot(rng.uniform(-half + 2, half - 2, 2), float(rng.uniform(0.06, 0.7)), float(rng.uniform(0.1, 0.5)))
+        canvas.blot(rng.uniform(-half + 2, half - 2, 2), rng.uniform(0.06, 0.7), rng.uniform(0.1, 0.5))
     for _ in range(8):
-        canvas.blot(rng.uniform(-half + 4, half - 4, 2), float(rng.uniform(1.0, 3.0)), float(rng.uniform(0.06, 0.2)))
+        canvas.blot(rng.uniform(-half + 4, half - 4, 2), rng.uniform(1.0, 3.0), rng.uniform(0.06, 0.2))
     canvas.mottle(0.25 + 0.35 * wear)
     return Apron(canvas, canvas.glance(1024), edge_y, rails)
 
@@ -132,11 +133,9 @@ def ground(apron: Apron, near: Material) -> list[Part]:
     """Sheets with rail grooves, 2 m deep: the finished picture ``near``, the far one around it."""
     half = SIZE / 2
     far = Material("apron far", texture=apron.far, specular=0.0)
-    columns = [(-FAR, -3 * half), (-3 * half, -half), (-half, half), (half, 3 * half), (3 * half, FAR)]
-    rows = [(apron.edge_y, half), (half, 3 * half), (3 * half, FAR)]
     parts = []
-    for i, (x0, x1) in enumerate(columns):
-        for j, (y0, y1) in enumerate(rows):
+    for i, (x0, x1) in enumerate(pairwise([-FAR, -3 * half, -half, half, 3 * half, FAR])):
+        for j, (y0, y1) in enumerate(pairwise([apron.edge_y, half, 3 * half, FAR])):
             material = near if (i, j) == (2, 0) else far
             y, z = [y0], [0.0]
             for rail in apron.rails_y:

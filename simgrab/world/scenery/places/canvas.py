@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.meshes.part import Paint
 from simgrab.world.scenery.places.heap import Cargo
 from simgrab.world.scenery.textures import load
@@ -60,9 +61,25 @@ def toned(picture: Picture, drawn: Sequence[Plane], level: int, span: int, norm:
     return np.asarray(cv2.multiply(picture, cv2.merge([tone] * 3), scale=1 / norm), np.uint8)
 
 
+_Window = tuple[slice, slice]
+
+
+def _filled(corners: Array, side: int, margin: int, value: np.uint8 | np.float32) -> tuple[_Window, NDArray[Any]]:
+    """Fill a polygon (pixels) with a value: a window around it, within a square picture, and its mask there.
+
+    OpenCV smooths the edges of bytes alone.
+    """
+    low = np.maximum(np.floor(corners.min(0)).astype(int) - margin, 0)
+    high = np.maximum(np.minimum(np.ceil(corners.max(0)).astype(int) + margin, side), low)
+    mask = np.zeros(tuple(high[::-1] - low[::-1]), value.dtype)
+    if mask.size:
+        cv2.fillPoly(mask, [np.round((corners - low - 0.5) * 16).astype(np.int32)], float(value), cv2.LINE_AA, 4)
+    return np.s_[low[1] : high[1], low[0] : high[0]], mask
+
+
 _Method = TypeVar("_Method", bound=Callable[..., None])
 _Scattered = tuple[tuple[int, int, int, int], list[Plane], Picture]
-"""The window of pixels that holds cargo, its unevenness and its grit."""
+"""The window of coarse pixels that holds cargo, its unevenness and its grit."""
 
 
 def _later(paint: _Method) -> _Method:
@@ -106,13 +123,13 @@ class Canvas:
         self._prepare(base, n, noise(rng, cells=n / 60, octaves=5))
         self._rng = rng
 
-    def uv(self, xy: ArrayLike) -> NDArray[np.float64]:
+    def uv(self, xy: ArrayLike) -> Array:
         """Texture coordinates of ground points (metres), mirrored beyond the picture's border; shape (N, 2)."""
         share = np.asarray(xy, float)[:, :2] / self.size + 0.5
         folded = np.abs(share - 2 * np.round(share / 2))
         return np.asarray(folded)
 
-    def pixels(self, xy: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:
+    def pixels(self, xy: ArrayLike, scale: float = 1.0) -> Array:
         """Continuous (column, row) of ground points, shape (N, 2)."""
         p = np.atleast_2d(np.asarray(xy, float))
         return np.stack([p[:, 0] + self.size / 2, self.size / 2 - p[:, 1]], 1) * self.per_m * scale
@@ -124,26 +141,21 @@ class Canvas:
         self._wear = cv2.resize(cloud((n, n), wear), self.picture.shape[:2])
 
     @_later
-    def paint(self, outline: ArrayLike, colour: Colour, *, opacity: float = 1.0, wear: float = 0.4) -> None:
+    def paint(self, outline: ArrayLike, colour: Colour, *, opacity: float = 1.0, wear: float) -> None:
         """Fill a polygon (metres) with road paint; ``wear`` in [0, 1] is the share that has come off."""
-        corners = self.pixels(outline)
-        low = np.maximum(np.floor(corners.min(0)).astype(int) - 2, 0)
-        high = np.minimum(np.ceil(corners.max(0)).astype(int) + 3, len(self.picture))
-        if (high <= low).any():
-            return
-        window = np.s_[low[1] : high[1], low[0] : high[0]]
-        mask = np.zeros(tuple(high[::-1] - low[::-1]), np.uint8)
-        cv2.fillPoly(mask, [np.round((corners - low - 0.5) * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
-        left = np.clip((self._wear[window] - wear * 0.9) * 5 + 0.25, 0.04, 1.0)
-        alpha = mask.astype(np.float32) * (opacity / 255) * left
-        fill = np.empty((*mask.shape, 3), np.uint8)
-        fill[:] = colour
-        self.picture[window] = cv2.blendLinear(
-            np.ascontiguousarray(self.picture[window]), fill, 1 - alpha, alpha.astype(np.float32)
-        )
+        window, mask = _filled(self.pixels(outline), len(self.picture), 3, np.uint8(255))
+        if mask.size:
+            alpha = mask.astype(np.float32) * (opacity / 255) * self._left(window, wear)
+            fill = np.full((*mask.shape, 3), colour, np.uint8)
+            below = np.ascontiguousarray(self.picture[window])
+            self.picture[window] = cv2.blendLinear(below, fill, 1 - alpha, alpha)
+
+    def _left(self, window: _Window, wear: float) -> Plane:
+        """Return the share of road paint that is left in a window."""
+        return np.clip((self._wear[window] - wear * 0.9) * 5 + 0.25, 0.04, 1.0)
 
     def stripe(
-        self, start: ArrayLike, end: ArrayLike, width: float, colour: Colour, *, opacity: float = 1.0, wear: float = 0.4
+        self, start: ArrayLike, end: ArrayLike, width: float, colour: Colour, *, opacity: float = 1.0, wear: float
     ) -> None:
         """Paint a straight line of a given width (metres)."""
         a, b = np.asarray(start, float), np.asarray(end, float)
@@ -153,7 +165,7 @@ class Canvas:
 
     @_later
     def text(
-        self, words: str, at: ArrayLike, height: float, colour: Colour, *, turned: bool = False, wear: float = 0.4
+        self, words: str, at: ArrayLike, height: float, colour: Colour, *, turned: bool = False, wear: float
     ) -> None:
         """Stencil block letters centred at a point (metres); ``turned`` reads along y."""
         scale = height * self.per_m / 21
@@ -168,25 +180,18 @@ class Canvas:
         if min(column, row) < 0 or max(column + mask.shape[1], row + mask.shape[0]) > len(self.picture):
             return
         window = np.s_[row : row + mask.shape[0], column : column + mask.shape[1]]
-        left = np.clip((self._wear[window] - wear * 0.9) * 5 + 0.25, 0.04, 1.0)
-        alpha = mask[..., None] / 255.0 * left[..., None]
+        alpha = mask[..., None] / 255.0 * self._left(window, wear)[..., None]
         self.picture[window] = self.picture[window] * (1 - alpha) + np.array(colour) * alpha
 
     @_later
     def grime(self, outline: ArrayLike, depth: float, *, blur: float) -> None:
         """Darken a polygon (metres) softly by an optical depth; ``blur`` is the width of its edge, metres."""
-        corners = self.pixels(outline, 1 / COARSE)
         sigma = blur * self.per_m / COARSE
-        margin = int(3 * sigma) + 2
-        low = np.maximum(np.floor(corners.min(0)).astype(int) - margin, 0)
-        high = np.minimum(np.ceil(corners.max(0)).astype(int) + margin, len(self._dirt))
-        if (high <= low).any():
-            return
-        mask = np.zeros(tuple(high[::-1] - low[::-1]), np.float32)
-        cv2.fillPoly(mask, [np.round((corners - low - 0.5) * 16).astype(np.int32)], depth, cv2.LINE_AA, 4)
-        self._dirt[low[1] : high[1], low[0] : high[0]] += cv2.GaussianBlur(mask, (0, 0), max(sigma, 0.3))
+        window, mask = _filled(self.pixels(outline, 1 / COARSE), len(self._dirt), int(3 * sigma) + 2, np.float32(depth))
+        if mask.size:
+            self._dirt[window] += cv2.GaussianBlur(mask, (0, 0), max(sigma, 0.3))
 
-    def tracks(self, way: ArrayLike, depth: float, *, width: float = 0.45, gauge: float = 2.0) -> None:
+    def tracks(self, way: ArrayLike, depth: float, *, width: float, gauge: float = 2.0) -> None:
         """Two tyre tracks along a polyline (metres)."""
         self._tracks(way, depth, width, gauge, noise(self._rng, cells=14, octaves=2))
 
@@ -248,7 +253,7 @@ class Canvas:
         for stroke in strokes:
             stroke()
 
-    def spill(self, cover: NDArray[np.float64], low: ArrayLike, high: ArrayLike) -> None:
+    def spill(self, cover: Array, low: ArrayLike, high: ArrayLike) -> None:
         """Strew cargo: ``cover`` (rows along −y, columns along x) stretched over a rectangle given in metres."""
         left, bottom = np.round(self.pixels(low, 1 / COARSE)[0]).astype(int)
         right, top = np.round(self.pixels(high, 1 / COARSE)[0]).astype(int)
@@ -279,19 +284,21 @@ class Canvas:
         if cargo is None or scattered is None:
             return np.asarray(picture, np.uint8)
         tile = shrunk(load(cargo.texture), self.per_m / (1024 / cargo.tile_m))
-        (y0, y1, x0, x1), drawn, grit = scattered
-        shape = (y1 - y0, x1 - x0)
+        (top, bottom, left, right), drawn, grit = scattered
+        coarse = np.s_[top:bottom, left:right]
+        fine = np.s_[COARSE * top : COARSE * bottom, COARSE * left : COARSE * right]
+        shape = COARSE * (bottom - top), COARSE * (right - left)
         laid = tiled(tile, *shape)
         uneven = cloud((shape[0] // 8, shape[1] // 8), drawn)
         uneven = cv2.resize((205 + 85 * (uneven - 0.5)).astype(np.uint8), shape[::-1])
         laid = cv2.multiply(laid, cv2.merge([uneven] * 3), scale=1 / 205)
-        window = self._spill[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE]
+        window = self._spill[coarse]
         # Loose lumps thin out one by one rather than fade.
         grit = cv2.GaussianBlur(grit, (0, 0), 1.1)
-        threshold = 0.55 * broken[y0 // COARSE : y1 // COARSE, x0 // COARSE : x1 // COARSE] + (grit * 0.006 - 0.45)
+        threshold = 0.55 * broken[coarse] + (grit * 0.006 - 0.45)
         thinned = np.clip((window * 1.35 - threshold) * 4.0, 0, 1) * np.clip(window * 4, 0, 1)
         alpha = cv2.resize(thinned.astype(np.float32), shape[::-1])
-        picture[y0:y1, x0:x1] = cv2.blendLinear(np.ascontiguousarray(picture[y0:y1, x0:x1]), laid, 1 - alpha, alpha)
+        picture[fine] = cv2.blendLinear(np.ascontiguousarray(picture[fine]), laid, 1 - alpha, alpha)
         return np.asarray(picture, np.uint8)
 
     def _scattered(self) -> _Scattered | None:
@@ -299,8 +306,6 @@ class Canvas:
         if not self._spill.any():
             return None
         rows, columns = np.nonzero(self._spill.any(1))[0], np.nonzero(self._spill.any(0))[0]
-        coarse = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
-        y0, y1, x0, x1 = (COARSE * v for v in coarse)
+        top, bottom, left, right = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
         uneven = noise(self._rng, cells=9, octaves=4)
-        grit = self._rng.integers(0, 256, (coarse[1] - coarse[0], coarse[3] - coarse[2]), np.uint8)
-        return (y0, y1, x0, x1), uneven, grit
+        return (top, bottom, left, right), uneven, self._rng.integers(0, 256, (bottom - top, right - left), np.uint8)

@@ -71,13 +71,13 @@ def tarpaulin(x: float, y: float, rng: np.random.Generator) -> Part:
         inside > -0.1
     )
     field = np.maximum(field + rng.normal(0, 0.012, field.shape), 0.012)
-    mesh = placed(sheet(gx, gy, field, bottom=-0.02), x, y, yaw=float(rng.uniform(0, 3)))
+    mesh = placed(sheet(gx, gy, field, bottom=-0.02), x, y, yaw=rng.uniform(0, 3))
     return Part("tarpaulin", mesh, materials.painted("tarpaulin", (0.20, 0.29, 0.27), texture="concrete", tile_m=2.0))
 
 
 def skip(x: float, y: float, yaw: float) -> Part:
     """Make an open waste skip with ribs."""
-    tub = shell([rectangle(2.4, 1.4, 0.05), rectangle(3.4, 1.7, 1.3)], [0.04, 0.04])
+    tub = shell([rectangle(2.4, 1.4, 0.05), rectangle(3.4, 1.7, 1.3)], 0.04)
     floor = box((-1.2, -0.7, -0.02), (1.2, 0.7, 0.12))
     ribs = [
         beam((bx, s * 0.71, 0.06), (bx * 1.35, s * 0.87, 1.25), 0.08, 0.06) for bx in (-0.9, 0.0, 0.9) for s in (-1, 1)

@@ -17,24 +17,17 @@ from simgrab.world.scenery.places.shapes import across, bar, box, join, loft, pl
 @cache
 def cover(length: float, width: float) -> trimesh.Trimesh:
     """One hatch-cover panel lying flat about the origin, top at z = 0.85: edge skirt, lifting eyes, wheels."""
-    top = [
-        rectangle(length - 0.06, width - 0.06, 0.0),
-        rectangle(length, width, 0.06),
-        rectangle(length, width, 0.72),
-        rectangle(length - 0.10, width - 0.10, 0.80),
-        rectangle(0.6 * length, 0.5 * width, 0.85),
+    top = [rectangle(length - by, width - by, z) for by, z in ((0.06, 0.0), (0.0, 0.06), (0.0, 0.72), (0.10, 0.80))]
+    half, places = width / 2, np.arange(-length / 2 + 0.7, length / 2, 1.6)
+    skirt = [box((x - 0.03, s * half, 0.05), (x + 0.03, s * (half + 0.10), 0.74)) for x in places for s in (-1, 1)]
+    eye = turned([(0.16, 0.78), (0.14, 0.90), (0.07, 0.93)], sides=10)
+    eyes = [placed(eye, x, y) for x in (-0.3 * length, 0.3 * length) for y in (-0.3 * width, 0.3 * width)]
+    wheels = [
+        bar((x, s * (half - 0.02), 0.18), (x, s * (half + 0.20), 0.18), 0.18, sides=12)
+        for x in (-0.42 * length, 0.42 * length)
+        for s in (-1, 1)
     ]
-    solids = [loft(top)]
-    for x in np.arange(-length / 2 + 0.7, length / 2, 1.6):
-        for s in (-1, 1):
-            solids.append(box((x - 0.03, s * width / 2, 0.05), (x + 0.03, s * (width / 2 + 0.10), 0.74)))
-    for x in (-0.3 * length, 0.3 * length):
-        for y in (-0.3 * width, 0.3 * width):
-            solids.append(placed(turned([(0.16, 0.78), (0.14, 0.90), (0.07, 0.93)], sides=10), x, y))
-    for x in (-0.42 * length, 0.42 * length):
-        for s in (-1, 1):
-            solids.append(bar((x, s * (width / 2 - 0.02), 0.18), (x, s * (width / 2 + 0.20), 0.18), 0.18, sides=12))
-    return join(solids)
+    return join([loft([*top, rectangle(0.6 * length, 0.5 * width, 0.85)]), *skirt, *eyes, *wheels])
 
 
 @cache
@@ -47,8 +40,7 @@ def folded(width: float) -> trimesh.Trimesh:
         foot = x + (0.33 if x > 0 else -0.33)
         rib = [(foot - 0.09, 0.1), (foot + 0.09, 0.1), (foot + lean + 0.09, 4.5), (foot + lean - 0.09, 4.5)]
         solids += plates(rib, np.arange(-width / 2 + 0.5, width / 2, 1.25), 0.02)
-    for y in np.linspace(-0.4 * width, 0.4 * width, 4):
-        solids.append(bar((-0.45, y, 4.55), (0.45, y, 4.55), 0.10))
+    solids += [bar((-0.45, y, 4.55), (0.45, y, 4.55), 0.10) for y in np.linspace(-0.4 * width, 0.4 * width, 4)]
     return join(solids)
 
 

@@ -25,10 +25,10 @@ SIZE, PIXELS = 33.0, 2560
 def hold(place: Hold, *, head_height: float, rng: np.random.Generator) -> list[Part]:
     """Return the ship, its hold and the heap, the quay and the water, in the jib frame."""
     cargo = CARGOES[place.cargo]
-    deck_z = float(rng.uniform(2.6, 4.6))  # above the quay
+    deck_z = rng.uniform(2.6, 4.6)  # above the quay
     depth = place.depth_m + deck_z
     style = ship.looks(rng)
-    water_z = -float(rng.uniform(2.6, 3.6))
+    water_z = -rng.uniform(2.6, 3.6)
     parts = [
         *ship.deck(style, cargo, is_open=True, wear=place.wear, rng=rng),
         *ship.topsides(style, is_open=True, rng=rng),
@@ -36,20 +36,20 @@ def hold(place: Hold, *, head_height: float, rng: np.random.Generator) -> list[P
         *_walls(depth, place, rng),
         *_bottom(depth, place, cargo, rng),
     ]
-    aside = float(rng.uniform(-1.2, 1.2))
-    along = float(rng.uniform(-1.5, 1.5))
+    aside = rng.uniform(-1.2, 1.2)
+    along = rng.uniform(-1.5, 1.5)
     placed = [p.moved(pose(along, aside, deck_z)) for p in parts]
     # The quay lies at the ship's side at smaller y, so its frame is turned half round.
     edge_y = ship.HALF_BEAM - aside + 0.95
     quay = apron.apron(edge_y, pixels=2048, wear=place.wear, rng=rng)
     shore = [
         *apron.ground(quay, Material("apron", texture=quay.canvas.finish(), specular=0.0)),
-        *apron.edge(quay, water_z, float(rng.uniform(-3, 3))),
+        *apron.edge(quay, water_z, rng.uniform(-3, 3)),
     ]
     placed += [p.moved(pose(0, 0, 0, np.pi)) for p in shore]
     bands = [(-edge_y - 0.5, aside - ship.HALF_BEAM), (aside + ship.HALF_BEAM, sea.FAR)]
     placed += sea.sea(water_z, 0.25, bands, (aside + ship.HALF_BEAM,), rng=rng)
-    yaw = float(rng.normal(0, np.radians(4)))
+    yaw = rng.normal(0, np.radians(4))
     return [p.moved(pose(0, 0, -head_height, yaw)) for p in placed]
 
 
@@ -167,7 +167,7 @@ def _bottom(depth: float, place: Hold, cargo: Cargo, rng: np.random.Generator) -
         canvas.grime(outline(-half_l, s * half_b, half_l, s * (half_b - 5)), 0.5, blur=2.0)
         canvas.grime(outline(s * half_l, -half_b, s * (half_l - 1.6), half_b), 0.6, blur=0.9)
     for _ in range(24):
-        canvas.blot(rng.uniform(-12, 12, 2), float(rng.uniform(0.3, 1.6)), float(rng.uniform(0.1, 0.35)))
+        canvas.blot(rng.uniform(-12, 12, 2), rng.uniform(0.3, 1.6), rng.uniform(0.1, 0.35))
     finished = canvas.finish(cargo)
     # The eye of the camera opens to the hold; the renderer knows no light between walls.
     picture = cache(lambda: np.asarray(cv2.convertScaleAbs(finished(), alpha=1.45), np.uint8))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import materials
 from simgrab.world.scenery.places.heap import Cargo
 from simgrab.world.scenery.places.shapes import (
-    Vector,
     bar,
     beam,
     box,
@@ -44,7 +44,7 @@ def hopper(cargo: Cargo, *, rng: np.random.Generator) -> list[Part]:
     inside = materials.rusty("hopper inside")
     # The outer skin is painted and the liner bare, so that the mouth shows the wear of falling cargo.
     skin, lining = (
-        shell([rectangle(side, side, z) for side, z in levels], [0.03] * 3)
+        shell([rectangle(side, side, z) for side, z in levels], 0.03)
         for levels in (
             ((1.3, NECK), (2 * HALF, 7.0), (2 * HALF, RIM)),
             ((1.2, NECK + 0.02), (2 * HALF - 0.07, 7.02), (2 * HALF - 0.07, RIM - 0.05)),
@@ -85,14 +85,9 @@ def _rim() -> list[trimesh.Trimesh]:
 
 
 def _ribs() -> list[trimesh.Trimesh]:
-    solids = []
-    for turn in range(4):
-        for offset in (-0.66, 0.0, 0.66):
-            low = np.array([0.70, offset * 0.8, NECK + 0.1])
-            high = np.array([HALF + 0.05, offset * HALF * 1.3, 7.0])
-            solids.append(placed(beam(low, high, 0.03, 0.16), 0, 0, 0, turn * np.pi / 2))
-        solids.append(placed(box((2.0, -2.0, 5.2), (2.12, 2.0, 5.36)), 0, 0, 0, turn * np.pi / 2))
-    return solids
+    side = [beam((0.70, o * 0.8, NECK + 0.1), (HALF + 0.05, o * HALF * 1.3, 7.0), 0.03, 0.16) for o in (-0.66, 0, 0.66)]
+    side.append(box((2.0, -2.0, 5.2), (2.12, 2.0, 5.36)))
+    return [placed(solid, 0, 0, yaw=turn * np.pi / 2) for turn in range(4) for solid in side]
 
 
 def _frame() -> list[trimesh.Trimesh]:
@@ -107,9 +102,9 @@ def _frame() -> list[trimesh.Trimesh]:
         for z in (3.0, 7.2):
             solids.append(box((-3.5, sign - 0.1, z - 0.15), (3.5, sign + 0.1, z + 0.15)))
             solids.append(box((sign - 0.1, -3.38, z - 0.15), (sign + 0.1, 3.38, z + 0.15)))
-        for a, b in (((-3.35, 3.1), (3.35, 7.0)), ((3.35, 3.1), (-3.35, 7.0))):
-            solids.append(bar((sign, a[0], a[1]), (sign, b[0], b[1]), 0.06))
-            solids.append(bar((a[0], sign, a[1]), (b[0], sign, b[1]), 0.06))
+        for foot in (-3.35, 3.35):
+            solids.append(bar((sign, foot, 3.1), (sign, -foot, 7.0), 0.06))
+            solids.append(bar((foot, sign, 3.1), (-foot, sign, 7.0), 0.06))
     solids.append(loft([rectangle(1.0, 0.8, 1.5), rectangle(1.3, 1.3, NECK + 0.05)]))
     return solids
 
@@ -127,15 +122,14 @@ def _grid(rng: np.random.Generator) -> list[trimesh.Trimesh]:
 
 def _residue(rng: np.random.Generator) -> trimesh.Trimesh:
     """Fill in what is left in the funnel, drawn down in the middle."""
-    low, level = NECK + 0.05, float(rng.uniform(4.7, 5.5))
+    low, level = NECK + 0.05, rng.uniform(4.7, 5.5)
     foot, wall = (0.60 + (z - NECK) / (7.0 - NECK) * (HALF - 0.67) for z in (low, level))
-    rings = [_square(foot * 0.96 * 0.99, low, rng, jitter=0.0)]
-    for down, share in ((0.0, 1.0), (0.15, 0.8), (0.5, 0.5), (0.85, 0.2)):
-        rings.append(_square(wall * share * 0.99, level - down, rng, jitter=0.06 if down else 0.0))
-    return loft(rings)
+    rings = [_square(foot * 0.96 * 0.99, low, rng, jitter=0.0), _square(wall * 0.99, level, rng, jitter=0.0)]
+    lower = ((0.15, 0.8), (0.5, 0.5), (0.85, 0.2))
+    return loft([*rings, *(_square(wall * share * 0.99, level - down, rng, jitter=0.06) for down, share in lower)])
 
 
-def _square(half: float, z: float, rng: np.random.Generator, *, jitter: float) -> Vector:
+def _square(half: float, z: float, rng: np.random.Generator, *, jitter: float) -> Array:
     angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
     direction = np.stack([np.cos(angle), np.sin(angle)], 1)
     xy = half * direction / np.abs(direction).max(axis=1, keepdims=True)

@@ -11,8 +11,8 @@ from functools import cache, partial
 import cv2
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery import textures
 from simgrab.world.scenery.meshes import shapes as steel
 from simgrab.world.scenery.meshes.part import Material, Part, Texture
@@ -94,7 +94,7 @@ def _mark(canvas: Texture, rng: np.random.Generator) -> None:
             cv2.fillPoly(canvas, [np.round(corners).astype(np.int32)], colour, cv2.LINE_AA)
         case 2:
             axes = tuple(int(v) for v in rng.integers(2, size + 2, 2))
-            cv2.ellipse(canvas, tuple(map(int, at)), axes, float(rng.uniform(0, 180)), 0, 360, colour,
+            cv2.ellipse(canvas, tuple(map(int, at)), axes, rng.uniform(0, 180), 0, 360, colour,
                         -1 if rng.random() < 0.5 else thick, cv2.LINE_AA)  # fmt: skip
         case 3:
             for step in range(int(rng.integers(2, 12))):
@@ -121,11 +121,11 @@ def _standing(number: int, rng: np.random.Generator, paint: np.random.Generator)
     size = np.exp(rng.uniform(np.log(0.25), np.log(4.5), 3))
     size[2] = min(size[2], _LOW_M if radius < _NEAR_M else np.inf)
     mesh = _solid(size, rng)
-    pose = shapes.pose(radius * np.cos(azimuth), radius * np.sin(azimuth), 0.0, float(rng.uniform(0, 2 * np.pi)))
+    pose = shapes.pose(radius * np.cos(azimuth), radius * np.sin(azimuth), 0.0, rng.uniform(0, 2 * np.pi))
     return Part(f"solid_{number}", mesh, _coat(number, paint)).moved(pose)
 
 
-def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trimesh:
+def _solid(size: Array, rng: np.random.Generator) -> trimesh.Trimesh:
     """Return a solid of about this size (x, y, z), m, that stands on z = 0."""
     x, y, z = (float(v) for v in size)
     match int(rng.integers(7)):
@@ -138,12 +138,12 @@ def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trime
             lies = min(x, z) / 2
             return shapes.bar((0, -y / 2, lies), (0, y / 2, lies), lies, sides=16)
         case 4:
-            wide = float(rng.uniform(0.05, 0.25))
+            wide = rng.uniform(0.05, 0.25)
             beams = [steel.block((-x / 2, s * y / 2 - wide, 0), (x / 2, s * y / 2 + wide, z)) for s in (-1, 1)]
             beams += [steel.block((s * x / 2 - wide, -y / 2, 0), (s * x / 2 + wide, y / 2, z)) for s in (-1, 1)]
             return steel.join(beams)
         case 5:
-            thin = 0.04 + 0.03 * float(rng.random())
+            thin = 0.04 + 0.03 * rng.random()
             legs = [steel.rod((sx * x / 2, sy * y / 2, 0), (sx * x / 2, sy * y / 2, z), thin)
                     for sx in (-1, 1) for sy in (-1, 1)]  # fmt: skip
             braces = [steel.rod((-x / 2, s * y / 2, z * a), (x / 2, s * y / 2, z * b), thin)
@@ -156,10 +156,10 @@ def _solid(size: NDArray[np.float64], rng: np.random.Generator) -> trimesh.Trime
 
 def _coat(number: int, rng: np.random.Generator) -> Material:
     red, green, blue = (v / 255 for v in _rgb(rng))
-    specular = float(rng.uniform(0, 0.5))
+    specular = rng.uniform(0, 0.5)
     if rng.random() < 0.5:
         return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), specular=specular)
     picture = textures.load(str(rng.choice(_TEXTURES)), 256)
     red, green, blue = (0.4 + 0.6 * v for v in (red, green, blue))
     return Material(f"solid_{number}", rgba=(red, green, blue, 1.0), texture=picture,
-                    tile_m=float(rng.uniform(1, 8)), specular=specular)  # fmt: skip
+                    tile_m=rng.uniform(1, 8), specular=specular)  # fmt: skip

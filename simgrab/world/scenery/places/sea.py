@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -53,20 +54,17 @@ def sea(
     swell = gaussian_filter(rng.standard_normal((n, n)), (1.4, 1.0), mode="wrap")
     swell *= (0.015 + 0.06 * chop) / swell.std()
     parts = []
-    for band, (y0, y1) in enumerate(bands):
-        rows = np.array([y0, *cuts[(cuts > y0) & (cuts < y1)], y1])
-        for i in range(len(cuts) - 1):
-            for j in range(len(rows) - 1):
-                x, y = cuts[i : i + 2], rows[j : j + 2]
-                field = np.zeros((2, 2))
-                if i == 2 and -half <= y[0] and y[1] <= half:
-                    x = np.linspace(-half, half, n)
-                    y = np.linspace(y[0], y[1], max(2, round((y[1] - y[0]) / SIZE * n)))
+    for band, (low, high) in enumerate(bands):
+        rows = [low, *cuts[(cuts > low) & (cuts < high)], high]
+        for i, (x0, x1) in enumerate(pairwise(cuts)):
+            for j, (y0, y1) in enumerate(pairwise(rows)):
+                inside = -half <= y0 and y1 <= half
+                x, y, height = np.array([x0, x1]), np.array([y0, y1]), np.array(z)
+                if i == 2 and inside:
+                    x, y = np.linspace(x0, x1, n), np.linspace(y0, y1, max(2, round((y1 - y0) / SIZE * n)))
                     fade_x, fade_y = (np.clip((half - np.abs(v)) / 3, 0, 1) for v in (x, y))
-                    fade = np.minimum(fade_x[:, None], fade_y)
-                    field = swell[:, : len(y)] * fade
-                inside = -half <= y[0] and y[-1] <= half
-                mesh = sheet(x, y, z + field, bottom=z - 1.0)
+                    height = z + swell[:, : len(y)] * np.minimum(fade_x[:, None], fade_y)
+                mesh = sheet(x, y, height, bottom=z - 1.0)
                 uv = mesh.vertices[:, :2] / SIZE + 0.5
                 parts.append(Part(f"water {band}{i}{j}", mesh, near if inside else far, uv))
     return parts
@@ -95,9 +93,8 @@ def _foamed(picture: Picture, chop: float, foam_y: Sequence[float], windy: list[
     lace = cv2.resize(cloud((1024, 1024), laced), (PIXELS, PIXELS))
     threads = np.exp(-(((lace - 0.5) / 0.035) ** 2))
     row = SIZE / 2 - (np.arange(PIXELS) + 0.5) / PIXELS * SIZE
-    near = np.zeros(PIXELS)
-    for y in foam_y:
-        near = np.maximum(near, np.exp(-np.abs(row - y) / 0.5) + 0.22 * np.exp(-np.abs(row - y) / 2.2))
+    away = np.abs(np.subtract.outer(foam_y, row))
+    near = (np.exp(-away / 0.5) + 0.22 * np.exp(-away / 2.2)).max(axis=0)
     stray = np.clip((wind - 0.62) * 3, 0, 0.35)
     foam = (
         threads * np.clip(near[:, None] * (0.35 + 0.9 * chop) * (0.4 + wind) + stray * (0.2 + chop), 0, 0.8)

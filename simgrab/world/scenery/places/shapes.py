@@ -8,11 +8,12 @@ from itertools import pairwise
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from simgrab.model.geometry import Array
 from simgrab.world.scenery.meshes import shapes as steel
 
-Vector = NDArray[np.float64]
+join = steel.join
 
 
 def box(low: ArrayLike, high: ArrayLike) -> trimesh.Trimesh:
@@ -36,14 +37,9 @@ def bar(start: ArrayLike, end: ArrayLike, radius: float, *, sides: int = 8) -> t
 
 def beam(start: ArrayLike, end: ArrayLike, width: float, height: float) -> trimesh.Trimesh:
     """Return a rectangular beam between two points: ``height`` is its depth in the plane that holds the vertical."""
-    start, end = np.asarray(start, float), np.asarray(end, float)
-    along = end - start
-    length = float(np.linalg.norm(along))
-    along = along / length
-    side = np.cross([0.0, 0.0, 1.0], along)
-    side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    length, axes = steel.way(start, end)
     pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = along, side, np.cross(along, side), (start + end) / 2
+    pose[:3, :3], pose[:3, 3] = axes[:, [2, 0, 1]], np.add(start, end) / 2
     return trimesh.creation.box((length, width, height), transform=pose)
 
 
@@ -69,39 +65,28 @@ def plates(outline: Sequence[Sequence[float]], middles: Iterable[float], half: f
 
 def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
     """Join rings of equally many points (counter-clockwise seen from the last ring) and cap both ends."""
-    ring = [np.asarray(r, float) for r in rings]
-    n = len(ring[0])
-    vertices = np.concatenate([*ring, [ring[0].mean(axis=0), ring[-1].mean(axis=0)]])
-    i = np.arange(n)
-    j = (i + 1) % n
-    last, bottom, top = (len(ring) - 1) * n, len(vertices) - 2, len(vertices) - 1
-    caps = [np.stack([j, i, np.full(n, bottom)], 1), np.stack([last + i, last + j, np.full(n, top)], 1)]
-    return steel.solid(vertices, np.concatenate([*_walls(range(len(ring)), n), *caps]))
+    points = np.array(rings, float)
+    vertices = np.concatenate([*points, points[[0, -1]].mean(axis=1)])
+    numbers = np.arange(len(vertices) - 2).reshape(points.shape[:2])
+    bottom, top = (np.full(points.shape[1], len(vertices) - end) for end in (2, 1))
+    first, last = numbers[0], numbers[-1]
+    caps = [np.stack([np.roll(first, -1), first, bottom], 1), np.stack([last, np.roll(last, -1), top], 1)]
+    return steel.solid(vertices, np.concatenate([steel.walls(numbers), *caps]))
 
 
-def shell(rings: Sequence[ArrayLike], thickness: Sequence[float]) -> trimesh.Trimesh:
-    """Return an open vessel: walls through rectangular rings (as in `loft`), offset inwards per ring, metres.
+def shell(rings: Sequence[ArrayLike], thickness: float) -> trimesh.Trimesh:
+    """Return an open vessel: walls through rectangular rings (as in `loft`), offset inwards, metres.
 
     The walls are closed at the first and the last ring by a lip, so that the vessel is a watertight solid.
     """
-    outer = [np.asarray(r, float) for r in rings]
-    inner = []
-    for ring, wall in zip(outer, thickness, strict=True):
-        centre = ring.mean(axis=0)
-        inner.append(ring - np.sign(ring - centre) * [wall, wall, 0.0])
-    loop = [*outer, *inner[::-1]]
-    return steel.solid(np.concatenate(loop), np.concatenate(_walls([*range(len(loop)), 0], len(outer[0]))))
+    outer = np.array(rings, float)
+    inner = outer - np.sign(outer - outer.mean(axis=1, keepdims=True)) * [thickness, thickness, 0.0]
+    loop = np.concatenate([outer, inner[::-1]])
+    numbers = np.arange(loop.size // 3).reshape(loop.shape[:2])
+    return steel.solid(loop.reshape(-1, 3), steel.walls(np.vstack([numbers, numbers[:1]])))
 
 
-def _walls(rings: Iterable[int], n: int) -> list[NDArray[np.int64]]:
-    """Faces between rings of ``n`` points, given by their numbers, each joined to the next."""
-    i = np.arange(n)
-    j = (i + 1) % n
-    return [np.stack(way, 1) for a, b in pairwise(np.array(rings) * n)
-            for way in ((a + i, a + j, b + j), (a + i, b + j, b + i))]  # fmt: skip
-
-
-def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] = (0.0, 0.0)) -> Vector:
+def rectangle(width: float, depth: float, z: float, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
     """Corners of a level rectangle, counter-clockwise from above, shape (4, 3), metres."""
     x, y = width / 2, depth / 2
     return np.array([[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]]) + [*centre, 0.0]
@@ -112,15 +97,11 @@ def outline(x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, flo
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
-def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int = 8) -> trimesh.Trimesh:
+def pipe(points: Sequence[ArrayLike], radius: float, *, sides: int) -> trimesh.Trimesh:
     """Join round bars along a polyline, with a ball at every inner corner."""
     p = [np.asarray(q, float) for q in points]
-    solids = [bar(a, b, radius, sides=sides) for a, b in pairwise(p)]
-    for corner in p[1:-1]:
-        ball = trimesh.creation.icosphere(1, radius)
-        ball.apply_translation(corner)
-        solids.append(ball)
-    return join(solids)
+    balls = [trimesh.creation.icosphere(1, radius).apply_translation(corner) for corner in p[1:-1]]
+    return join([*(bar(a, b, radius, sides=sides) for a, b in pairwise(p)), *balls])
 
 
 def railing(points: Sequence[ArrayLike], *, spacing: float) -> trimesh.Trimesh:
@@ -130,17 +111,16 @@ def railing(points: Sequence[ArrayLike], *, spacing: float) -> trimesh.Trimesh:
     solids = []
     for a, b in pairwise(p):
         count = max(2, round(float(np.linalg.norm(b - a)) / spacing) + 1)
-        for foot in np.linspace(a, b, count):
-            solids.append(bar(foot - [0, 0, 0.02], foot + [0, 0, height], 0.025, sides=5))
+        solids += [bar(foot - [0, 0, 0.02], foot + [0, 0, height], 0.025, sides=5) for foot in np.linspace(a, b, count)]
         for level, radius in ((1.0, 0.024), (0.66, 0.016), (0.33, 0.016)):
             solids.append(bar(a + [0, 0, height * level], b + [0, 0, height * level], radius, sides=5))
     return join(solids)
 
 
-def ladder(foot: ArrayLike, top: ArrayLike, *, width: float = 0.45, side: ArrayLike = (1, 0, 0)) -> trimesh.Trimesh:
-    """Straight ladder with two stringers and rungs 0.3 m apart; ``side`` is the direction of the rungs."""
+def ladder(foot: ArrayLike, top: ArrayLike, *, side: ArrayLike = (1, 0, 0)) -> trimesh.Trimesh:
+    """Straight ladder with two stringers and rungs 0.3 m apart; the unit vector ``side`` is along the rungs."""
     foot, top = np.asarray(foot, float), np.asarray(top, float)
-    half = np.asarray(side, float) / np.linalg.norm(side) * width / 2
+    half = 0.225 * np.asarray(side, float)
     solids = [bar(foot + half, top + half, 0.025, sides=6), bar(foot - half, top - half, 0.025, sides=6)]
     count = int(np.linalg.norm(top - foot) / 0.3)
     for share in (np.arange(count) + 0.5) / count:
@@ -149,12 +129,7 @@ def ladder(foot: ArrayLike, top: ArrayLike, *, width: float = 0.45, side: ArrayL
     return join(solids)
 
 
-def join(solids: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
-    """Put several solids into one mesh; each stays closed by itself."""
-    return trimesh.util.concatenate(list(solids))
-
-
-def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Vector:
+def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Array:
     """4×4 transform: turn by ``yaw`` radians about z, then move."""
     matrix = trimesh.transformations.rotation_matrix(yaw, (0, 0, 1))
     matrix[:3, 3] = x, y, z

@@ -73,10 +73,10 @@ def deck(
         canvas.grime(foot, 0.9, blur=0.35)
     for _ in range(round(25 + 50 * wear)):
         at = rng.uniform((-23, -HALF_BEAM), (23, HALF_BEAM))
-        canvas.blot(at, float(rng.uniform(0.1, 0.9)), float(rng.uniform(0.2, 0.7)))
+        canvas.blot(at, rng.uniform(0.1, 0.9), rng.uniform(0.2, 0.7))
     for x in np.arange(-22, 22, 2.2):  # scuppers and fittings weep along the ship's sides
         for s in (-1, 1):
-            canvas.blot((x + rng.normal(0, 0.5), s * (HALF_BEAM - 0.2)), 0.5, float(rng.uniform(0, 0.6)))
+            canvas.blot((x + rng.normal(0, 0.5), s * (HALF_BEAM - 0.2)), 0.5, rng.uniform(0, 0.6))
     canvas.mottle(0.5 * wear + 0.2)
     for s in (-1, 1):  # a painted walkway
         for edge in (11.2, 12.2):
@@ -84,11 +84,11 @@ def deck(
     if cargo is not None and is_open:
         _scatter(canvas, wear, rng)
     plating = Material("deck plating", texture=canvas.finish(cargo), specular=0.03)
-    hole = ring(0.0) if is_open else None
     parts = []
     for i, (x0, x1) in enumerate(pairwise(_CUTS)):
         plate = shapely.box(x0, -HALF_BEAM, x1, HALF_BEAM)
-        plate = plate.difference(hole) if hole is not None and i == 2 else plate
+        if is_open and i == 2:
+            plate = plate.difference(ring(0.0))
         mesh = prism(plate, -0.04, 0.0)
         parts.append(Part(f"deck {i}", mesh, plating, canvas.uv(mesh.vertices)))
     return parts
@@ -126,11 +126,8 @@ def coaming(*, is_open: bool) -> trimesh.Trimesh:
     for at in np.arange(0.4, line.length, 1.05):
         p, q = (np.array(line.interpolate(at + d).coords[0]) for d in (-0.05, 0.05))
         along = (q - p) / np.linalg.norm(q - p)
-        middle = (p + q) / 2
-        out = np.array([along[1], -along[0]])
-        if shapely.Point(middle + out).within(ring(0.03)):
-            out = -out
-        solids.append(placed(plate, float(middle[0]), float(middle[1]), yaw=float(np.arctan2(out[1], out[0]))))
+        x, y = (p + q) / 2
+        solids.append(placed(plate, x, y, yaw=np.arctan2(along[0], -along[1])))  # outwards: the ring runs clockwise
     return join(solids)
 
 
@@ -150,7 +147,7 @@ def topsides(style: Looks, *, is_open: bool, rng: np.random.Generator) -> list[P
     frames, coils = [], []
     for s in (-1, 1):
         frame, coil = fittings.winch()
-        at = (s * PITCH / 2 + 0.2, float(rng.uniform(10.0, 10.3)) * float(rng.choice([-1, 1])))
+        at = (s * PITCH / 2 + 0.2, rng.uniform(10.0, 10.3) * float(rng.choice([-1, 1])))
         frames.append(placed(frame, *at, yaw=np.pi / 2))
         coils.append(placed(coil, *at, yaw=np.pi / 2))
     small = []
@@ -158,7 +155,7 @@ def topsides(style: Looks, *, is_open: bool, rng: np.random.Generator) -> list[P
         for s in (-1, 1):
             kind = (fittings.bitts, fittings.ventilator, fittings.manhole, fittings.access_hatch)[int(rng.integers(4))]
             y = {"bitts": 14.0, "ventilator": 14.7, "manhole": 10.2, "access_hatch": 9.9}[kind.__name__]
-            small.append(placed(kind(), x + float(rng.uniform(-0.8, 0.8)), s * y))
+            small.append(placed(kind(), x + rng.uniform(-0.8, 0.8), s * y))
     rails = [railing([(-40, s * (HALF_BEAM - 0.15), 0), (40, s * (HALF_BEAM - 0.15), 0)], spacing=1.6) for s in (-1, 1)]
     lines = [fittings.pipes(-45, 45, s * 12.75) for s in (-1, 1)]
     deck, dull = style.deck, materials.dull

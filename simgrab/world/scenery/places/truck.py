@@ -42,6 +42,8 @@ def truck(cargo: Cargo, *, rng: np.random.Generator) -> list[Part]:
     cab = materials.painted("truck paint", colour, tile_m=3.0)
     bed = materials.painted("truck bed paint", materials.dull(colour, 0.75), tile_m=3.0)
     tyres, hubs = zip(*_wheels(), strict=True)
+    tail = [box((-4.25, s * 1.0 - 0.16, 0.58), (-4.11, s * 1.0 + 0.16, 0.72)) for s in (-1, 1)]
+    front = [box((4.0, s * 0.9 - 0.2, 0.84), (4.10, s * 0.9 + 0.2, 1.04)) for s in (-1, 1)]
     load_material = Material("truck load", texture=load(cargo.texture), tile_m=cargo.tile_m, specular=0.02)
     return [
         Part("truck cab", join(_cab()), cab),
@@ -50,8 +52,8 @@ def truck(cargo: Cargo, *, rng: np.random.Generator) -> list[Part]:
         Part("truck chassis", join(_chassis()), materials.plain("truck black", (0.13, 0.13, 0.13))),
         Part("truck tyres", join(tyres), materials.RUBBER),
         Part("truck hubs", join(hubs), materials.plain("truck hub", (0.34, 0.32, 0.30))),
-        Part("truck lamps", join(_lamps(1)), materials.plain("tail lamp", (0.42, 0.07, 0.05))),
-        Part("truck headlamps", join(_lamps(-1)), materials.plain("headlamp", (0.72, 0.72, 0.68), specular=0.5)),
+        Part("truck lamps", join(tail), materials.plain("tail lamp", (0.42, 0.07, 0.05))),
+        Part("truck headlamps", join(front), materials.plain("headlamp", (0.72, 0.72, 0.68), specular=0.5)),
         Part("truck load", _load(cargo, rng), load_material),
     ]
 
@@ -64,8 +66,7 @@ def _cab() -> list[trimesh.Trimesh]:
     wing = [(2.4, 0.95), (2.55, 1.2), (3.55, 1.2), (3.7, 0.95)]
     for side in (-1, 1):  # front wings over the wheels, steps, mirrors
         solids += plates(wing, [side * 1.2], 0.06)
-        for z, y in ((2.45, 1.42), (1.95, 1.42)):
-            solids.append(bar((3.75, side * 1.15, z), (4.0, side * y, z), 0.018, sides=5))
+        solids += [bar((3.75, side * 1.15, z), (4.0, side * 1.42, z), 0.018, sides=5) for z in (2.45, 1.95)]
         solids.append(box((3.95, side * 1.30, 1.80), (4.03, side * 1.54, 2.5)))
     return solids
 
@@ -111,12 +112,6 @@ def _chassis() -> list[trimesh.Trimesh]:
     return solids + [
         plate for side in (-1.0, 1.0) for x in AXLES[1:] for plate in plates((flap + (x, 0)).tolist(), [side], 0.28)
     ]
-
-
-def _lamps(end: int) -> list[trimesh.Trimesh]:
-    if end > 0:
-        return [box((-4.25, s * 1.0 - 0.16, 0.58), (-4.11, s * 1.0 + 0.16, 0.72)) for s in (-1, 1)]
-    return [box((4.0, s * 0.9 - 0.2, 0.84), (4.10, s * 0.9 + 0.2, 1.04)) for s in (-1, 1)]
 
 
 def _wheels() -> list[tuple[trimesh.Trimesh, trimesh.Trimesh]]:

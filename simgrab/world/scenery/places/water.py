@@ -14,23 +14,23 @@ def water(place: Water, *, head_height: float, rng: np.random.Generator) -> list
     """Return water, ship (at larger y) and quay (at smaller y) in the jib frame."""
     level = -place.quay_height_m
     deck_z = level + place.freeboard_m
-    side, wall = float(rng.uniform(4.5, 6.5)), -float(rng.uniform(6.0, 8.0))
+    side, wall = rng.uniform(4.5, 6.5), -rng.uniform(6.0, 8.0)
     style = ship.looks(rng)
     vessel = [
         *ship.deck(style, None, is_open=False, wear=0.5, rng=rng),
         *ship.topsides(style, is_open=False, rng=rng),
         *ship.hull(style, level - deck_z, rng=rng),
     ]
-    along = float(rng.uniform(-9, 9))
+    along = rng.uniform(-9, 9)
     parts = [p.moved(pose(along, side + ship.HALF_BEAM, deck_z)) for p in vessel]
-    first = float(rng.uniform(-3, 3))
+    first = rng.uniform(-3, 3)
     quay = apron.apron(-wall, pixels=3072, wear=0.5, rng=rng)
     shore = [
         *apron.ground(quay, Material("apron", texture=quay.canvas.finish(), specular=0.0)),
         *apron.edge(quay, level, first),
     ]
     bollard_y = -wall + 4.2
-    spots = [(s * float(rng.uniform(1.5, 7)), bollard_y + float(rng.uniform(0.5, 2))) for s in (-1, 1)]
+    spots = [(s * rng.uniform(1.5, 7), bollard_y + rng.uniform(0.5, 2)) for s in (-1, 1)]
     shore += [*clutter.barrels([spots[0], (spots[0][0] + 0.75, spots[0][1] + 0.1)]), clutter.pallet(*spots[1], 0.4)]
     # The quay frame looks landward along y; here land lies at smaller y.
     parts += [p.moved(pose(0, 0, 0, np.pi)) for p in shore]
@@ -39,7 +39,7 @@ def water(place: Water, *, head_height: float, rng: np.random.Generator) -> list
     )
     parts.append(_mooring(-(first + 4.0), side, deck_z, wall, rng))
     parts.append(_floats(side, level, rng))
-    yaw = float(rng.normal(0, np.radians(5)))
+    yaw = rng.normal(0, np.radians(5))
     return [p.moved(pose(0, 0, -head_height, yaw)) for p in parts]
 
 
@@ -60,7 +60,7 @@ def _mooring(bollard_x: float, side: float, deck_z: float, wall: float, rng: np.
 def _floats(side: float, level: float, rng: np.random.Generator) -> Part:
     """Pneumatic fenders that float along the hull."""
     bodies = []
-    for x in (float(rng.uniform(-9, -6)), float(rng.uniform(5, 8))):
+    for x in (rng.uniform(-9, -6), rng.uniform(5, 8)):
         outline = [(0.15, -1.5), (0.55, -1.3), (0.75, -0.9), (0.78, 0.0), (0.75, 0.9), (0.55, 1.3), (0.15, 1.5)]
         bodies.append(placed(clutter.turned(outline, sides=18, lying=True), x, side - 0.80, level + 0.25))
         for z in np.linspace(-1.1, 1.1, 5):

@@ -29,6 +29,7 @@ from simgrab.world.scenery.grabs.formats.gltf_materials import Materials
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_PLAIN = "export it without compression"
 _MOST_TARGETS, _MOST_JOINTS = 100, 16
 """Of morph targets that have an effect, and of joints of a vertex."""
 
@@ -38,7 +39,7 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
     content = models.gltf(model.format, model.data, refuse)
     for name in extensions.required(content.get("extensionsRequired", [])):
         if name in extensions.COMPRESSED:
-            raise refuse(f"needs {name}: export it without compression")
+            raise refuse(f"needs {name}: {_PLAIN}")
         if name in extensions.PICTURES:
             raise refuse(f"needs {name}: export it with textures in PNG or JPEG")
         raise refuse(f"needs the glTF extension {shown(name)}, which is not supported: export it without")
@@ -103,12 +104,8 @@ class _Buffers:
         if uri is not None:
             whole = memoryview(self._of_uri(uri) or b"")
         elif number or self._model.format != "glb":
-            compressed = sorted(extensions.COMPRESSED & set(view.get("extensions", {})))
-            raise self._refuse(
-                f"needs {compressed[0]}: export it without compression"
-                if compressed
-                else f"buffer {number} has no data"
-            )
+            kind = _compression(view)
+            raise self._refuse(f"needs {kind}: {_PLAIN}" if kind else f"buffer {number} has no data")
         else:
             whole = memoryview(self._model.data)[28 + int.from_bytes(self._model.data[12:16], "little") :]
         return self._wholes.setdefault(number, whole)
@@ -206,9 +203,9 @@ class _Scene:
             self._unread["lines and points"] = None
             return None
         at = primitive["attributes"]["POSITION"]
-        compressed = sorted(extensions.COMPRESSED & set(primitive.get("extensions", {})))
-        if compressed and not {"bufferView", "sparse"} & set(self._content["accessors"][at]):
-            raise self._refuse(f"needs {compressed[0]}: export it without compression")
+        kind = _compression(primitive)
+        if kind and not {"bufferView", "sparse"} & set(self._content["accessors"][at]):
+            raise self._refuse(f"needs {kind}: {_PLAIN}")
         vertices = self._buffers.read(at, (3,)).astype(float)
         targets = [(w, target) for w, target in zip(weights, primitive.get("targets", []), strict=False) if w]
         if len(targets) > _MOST_TARGETS:
@@ -290,6 +287,11 @@ def _extension(entry: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
+def _compression(entry: Mapping[str, Any]) -> str:
+    """Return the extension by which the data of an entry are compressed; empty for none."""
+    return min(extensions.COMPRESSED & set(entry.get("extensions", {})), default="")
+
+
 def _pose(node: Mapping[str, Any]) -> Array:
     """Return the pose of a node in its parent."""
     if "matrix" in node:
@@ -305,12 +307,10 @@ def _pose(node: Mapping[str, Any]) -> Array:
 
 def _unique(names: list[str]) -> list[str]:
     """Give every node a unique name; the first of several equal ones keeps it."""
-    taken, found = set(names), list[str]()
-    seen = set[str]()
+    taken, found = set(names), dict[str, None]()
     for name in names:
         own, number = name, 1
-        while own in seen or (own != name and own in taken):
+        while own in found or (own != name and own in taken):
             own, number = f"{name}_{number}", number + 1
-        seen.add(own)
-        found.append(own)
-    return found
+        found[own] = None
+    return list(found)

@@ -85,11 +85,11 @@ class _Text:
 class _Material:
     """A material of a library, and what of it is not shown."""
 
-    surface: FileMaterial = field(default_factory=FileMaterial)
-    offset: tuple[float, float] = (0.0, 0.0)
-    scale: tuple[float, float] = (1.0, 1.0)
-    doubts: list[str] = field(default_factory=list)
-    unread: set[str] = field(default_factory=set)
+    surface: FileMaterial
+    offset: tuple[float, float]
+    scale: tuple[float, float]
+    doubts: list[str]
+    unread: set[str]
 
 
 def read(model: ModelFile, refuse: Refuse) -> Contents:
@@ -103,32 +103,28 @@ def read(model: ModelFile, refuse: Refuse) -> Contents:
             text.add(line)
         except (ValueError, IndexError, OverflowError):
             raise refuse(f"cannot read {shown(line)}") from None
-    points, parts, keywords = text.points, text.parts, text.keywords
     library, doubts = _libraries(model)
-    where = np.array(points, float).reshape(-1, 3)
-    shapes = _shapes(
-        parts, where, np.array(text.uvs, float).reshape(-1, 2), _levels(text.colours, len(points)), library, refuse
-    )
-    used = dict.fromkeys(name for *_, name in parts if name)
+    shapes = _shapes(text, library, refuse)
+    used = dict.fromkeys(name for *_, name in text.parts if name)
+    known = {name: library[name] for name in used if name in library}
     unknown = [name for name in used if name not in library]
     if unknown and not model.missing:
         doubts.append(f"No material library has {some(unknown)}: its faces are painted by paint_rgb. Name the library "
                       "by mtllib.")  # fmt: skip
     doubts += [
         f"Material {shown(name)}: faces without texture coordinates (vt) show Kd in place of its texture."
-        for name in used
-        if name in library and library[name].surface.texture is not None
-        and any(not all(part.vt) for (*_, own), part in parts.items() if own == name)
-    ]  # fmt: skip
-    for name in used:
-        doubts += [f"Material {shown(name)}: {doubt}" for doubt in library.get(name, _Material()).doubts]
-    doubts += _of_keywords(keywords)
+        for name, material in known.items()
+        if material.surface.texture is not None
+        and any(not all(part.vt) for (*_, own), part in text.parts.items() if own == name)
+    ]
+    doubts += [f"Material {shown(name)}: {doubt}" for name, material in known.items() for doubt in material.doubts]
+    doubts += _of_keywords(text.keywords)
     if b"#MRGB" in model.data:
         doubts.append("It has colours of ZBrush (#MRGB), which are not read: export them as v x y z r g b.")
     if text.colours and any(entry.surface.texture is not None for entry in library.values()):
         doubts.append("Colours of vertices are left out where there is a texture.")
-    unread = sorted(set[str]().union(*(library[name].unread for name in used if name in library)))
-    if keywords & {"l", "p"}:
+    unread = sorted(set[str]().union(*(material.unread for material in known.values())))
+    if text.keywords & {"l", "p"}:
         unread.append("lines and points")
     comments = re.findall(rb"(?m)^[ \t]*#([^\r\n]{0,200})", model.data[:20_000])
     return Contents(tuple(shapes), tuple(doubts), tuple(unread), stated_unit(b"\n".join(comments).decode("latin-1")))
@@ -142,10 +138,9 @@ def _absolute(index: int, count: int) -> int:
     return number
 
 
-def _shapes(
-    parts: dict[_Part, _Polygons], points: Array, uvs: Array, colours: Array | None, library: dict[str, _Material],
-    refuse: Refuse,
-) -> list[Shape]:  # fmt: skip
+def _shapes(text: _Text, library: dict[str, _Material], refuse: Refuse) -> list[Shape]:
+    points, uvs = np.array(text.points, float).reshape(-1, 3), np.array(text.uvs, float).reshape(-1, 2)
+    colours, parts = _levels(text.colours, len(points)), text.parts
     if len(parts) > MOST_NODES:
         raise refuse(f"has {len(parts)} groups and materials; the limit is {MOST_NODES}: join some")
     check(np.array([size for polygons in parts.values() for size in polygons.sizes], np.int64), refuse)

@@ -26,8 +26,9 @@ _TYPES = {
 }  # fmt: skip
 _COLOURS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 _UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+_ALPHA = ("alpha", "a", "diffuse_alpha")
 _INDICES = ("vertex_indices", "vertex_index")
-_SEEN = {"x", "y", "z", "nx", "ny", "nz", *_INDICES, "texcoord", "texnumber", *sum((*_COLOURS, *_UV), ())}
+_SEEN = {"x", "y", "z", "nx", "ny", "nz", *_ALPHA, *_INDICES, "texcoord", "texnumber", *sum((*_COLOURS, *_UV), ())}
 
 Column = NDArray[Any]
 Lists = tuple[Column, Faces]
@@ -124,10 +125,10 @@ def _uv(vertex: dict[str, Any], face: dict[str, Any], indices: Faces) -> Array |
 def _doubts(model: ModelFile, elements: dict[str, dict[str, Any]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     doubts, unread = [], []
     for name, element in elements.items():
-        alpha = next((element[a] for a in ("alpha", "a", "diffuse_alpha") if a in element), None)
+        alpha = next((element[name] for name in _ALPHA if name in element), None)
         if alpha is not None and len(alpha) and alpha.min() < (1.0 if alpha.dtype.kind == "f" else 255):
             doubts.append(f"Its {name} colours are partly transparent (alpha); it is shown opaque.")
-        others = sorted(set(element) - _SEEN - {"alpha", "a", "diffuse_alpha"})
+        others = sorted(set(element) - _SEEN)
         if name in ("vertex", "face", "tristrips"):
             unread += [f"{name} property {shown(other)}" for other in others[:6]]
         elif name == "material":
@@ -156,13 +157,10 @@ def _elements(data: bytes, header: list[list[str]], refuse: Refuse) -> dict[str,
             stated[-1][2].append((words[-1], *(_TYPES[word] for word in words[1:-1] if word != "list")))
     if encoding == "ascii":
         try:
-            content, order, text = (
-                np.fromstring(data[start:].decode("ascii", errors="replace"), sep=" ").tobytes(),
-                "=",
-                "f8",
-            )
+            content = np.fromstring(data[start:].decode("ascii", errors="replace"), sep=" ").tobytes()
         except ValueError:
             raise refuse("holds what is not a number") from None
+        order, text = "=", "f8"
     elif encoding in ("binary_little_endian", "binary_big_endian"):
         content, order, text = data[start:], "<" if "little" in encoding else ">", ""
     else:
