@@ -6,7 +6,7 @@ import functools
 import hashlib
 import itertools
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -40,7 +40,8 @@ class Sweep(Strict, frozen=True):
 class Accept(Strict, frozen=True):
     """A limit: the statistic of a column, at one point and of one estimator, lies in [low, high].
 
-    It is met where the Monte Carlo interval, three standard errors to either side, meets the limits. ``z`` is the size
+    It is met where the Monte Carlo interval, three standard errors to either side and more of few replications, meets
+    the limits. ``z`` is the size
     of the mean in standard errors. Of ``refused`` the mean is the share of records refused.
     """
 
@@ -185,7 +186,10 @@ def resized(study: Study, frames: int | None, replications: int | None, seed: in
     """Take other sizes, where they are given; raises `StressError` where an axis sets the number of frames."""
     if frames is not None and any(s.axis == "n" for s in study.axes):
         raise StressError(f"{study.name}: its axis n sets the number of frames: leave frames out, or change the axis")
-    changes = {k: v for k, v in {"n": frames, "replications": replications, "seed": seed}.items() if v is not None}
+    sizes = {"n": frames, "replications": replications, "seed": seed}
+    changes: dict[str, Any] = {key: value for key, value in sizes.items() if value is not None}
+    if changes.get("n", study.n) < study.n:  # of fewer frames errors are larger
+        changes["accept"] = tuple(accept for accept in study.accept if accept.statistic != "rms")
     return msgspec.structs.replace(study, **changes)
 
 

@@ -11,13 +11,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from simgrab.instrument.estimate.intervals import student
 from simgrab.lab.stress.axes import Value
 from simgrab.lab.stress.study import Accept, Study, place
 from simgrab.model.geometry import Array
 
 Point = tuple[Value, ...]
 
-BIAS_ERRORS = 3.0
+BIAS_ERRORS, BIAS_LEVEL = 3.0, 0.9973  # of many replications, and their level
 COVERAGE = (0.93, 0.97)
 # Below so many replications the coverage's own error is larger than what is asked of it, and is allowed for.
 COUNT_FOR_COVERAGE = 1000
@@ -130,7 +131,7 @@ def judge(summary: StudySummary) -> list[LimitVerdict]:
 def _accepted(summary: StudySummary, accept: Accept) -> LimitVerdict:
     figure = summary.at(accept.at, accept.estimator, accept.quantity)
     value, error = figure.statistic(accept.statistic)
-    reach = BIAS_ERRORS * error
+    reach = _standard_errors(figure.count) * error
     low = -math.inf if accept.low is None else accept.low
     high = math.inf if accept.high is None else accept.high
     limits = f"at least {low:g}" if accept.high is None else f"at most {high:g}" if accept.low is None else ""
@@ -144,12 +145,19 @@ def _accepted(summary: StudySummary, accept: Accept) -> LimitVerdict:
     return LimitVerdict(summary.study.name, text, found, bool(passed))
 
 
+def _standard_errors(count: int) -> float:
+    """How many a limit allows for: of few replications Student's quantile, as they show their own spread badly."""
+    return max(BIAS_ERRORS, float(student(BIAS_LEVEL, count - 1)))
+
+
 def _consistent(summary: StudySummary, name: str) -> Iterator[LimitVerdict]:
     study = summary.study
     for column in ("beta_error_deg", "sigma_error_deg"):
         f = summary.at(study.holds, name, column)
         text = f"{name}: no bias of {column[: column.index('_')]} where the assumption holds"
-        yield LimitVerdict(study.name, text, f"{f.mean:+.4f} ± {f.mean_se:.4f} deg", bool(f.z <= BIAS_ERRORS))
+        yield LimitVerdict(
+            study.name, text, f"{f.mean:+.4f} ± {f.mean_se:.4f} deg", bool(f.z <= _standard_errors(f.count))
+        )
     for column in ("cover_beta", "cover_sigma"):
         f = summary.at(study.holds, name, column)
         slack = BIAS_ERRORS * math.sqrt(0.95 * 0.05 / max(f.count, 1)) if f.count < COUNT_FOR_COVERAGE else 0.0

@@ -16,10 +16,11 @@ import simgrab
 from simgrab.errors import StressError
 from simgrab.instrument.estimate import MeanRay
 from simgrab.lab.stress import catalogue, estimators, geometric
+from simgrab.lab.stress import summary as summaries
 from simgrab.lab.stress.catalogue import STUDIES
 from simgrab.lab.stress.laboratory import outcome
-from simgrab.lab.stress.study import Study, Sweep, quickened, situation
-from simgrab.lab.stress.summary import LimitVerdict, StudyResult, judge
+from simgrab.lab.stress.study import Study, Sweep, quickened, resized, situation
+from simgrab.lab.stress.summary import LimitVerdict, StudyResult, figure, judge
 from simgrab.model.records.estimates import Estimate, Intervals
 
 GOOD = tomllib.loads((STUDIES / "focal.toml").read_text(encoding="utf-8"))
@@ -280,3 +281,22 @@ def test_a_verb_takes_one_thing_at_a_time():
     assert "--at goes with --replay" in run("stress", "focal", "--at", "5")[2]
     assert run("stress", "focal", "--workers", 0)[0] == 2
     assert "cannot write to /proc/nowhere" in run("stress", "focal", "--out", "/proc/nowhere")[2]
+
+
+def test_limits_of_root_mean_squares_are_of_the_studys_own_frames():
+    study = catalogue.load("alpha-law")
+    assert any(accept.statistic == "rms" for accept in study.accept)
+    assert resized(study, study.n, 10, 1).accept == study.accept
+    few = resized(study, study.n - 1, None, None)
+    assert {accept.statistic for accept in few.accept} == {accept.statistic for accept in study.accept} - {"rms"}
+
+
+def test_few_replications_are_judged_by_their_own_quantile():
+    """A mean of few values lies beyond three of their own standard errors more often than one of many."""
+    rng, beyond = np.random.default_rng(0), 0
+    for _ in range(300):
+        found = figure(rng.normal(0, 1, 8))
+        beyond += not found.z <= summaries._standard_errors(found.count)
+    assert beyond <= 4
+    assert summaries._standard_errors(1000) == pytest.approx(3.0, abs=0.02)
+    assert summaries._standard_errors(0) > 100
