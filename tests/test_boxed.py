@@ -276,7 +276,8 @@ def test_frames_of_a_video_are_never_split(tmp_path):
     assert not dataset.named
     assert {len({row.split for row in dataset.rows if row.video == video}) for video in "abcdef"} == {1}
     assert {row.split for row in dataset.rows} == {"train", "val", "test"}
-    assert "18 frames, 0 without a grab, of 6 videos" in dataset.summary
+    assert dataset.counts.endswith("18 frames, 0 without a grab, of 6 videos")
+    assert dataset.summary.startswith(dataset.counts)
 
 
 def test_named_splits_are_kept_and_a_video_in_two_is_refused(tmp_path):

@@ -42,17 +42,19 @@ class BoxedDataset:
         return replace(self, rows=tuple(row for row in self.rows if row.split in names))
 
     @property
-    def summary(self) -> str:
+    def counts(self) -> str:
         """How many frames and videos there are, in a line."""
+        empty, videos = sum(row.box_x0_px is None for row in self.rows), len({row.video for row in self.rows})
+        return f"{self.path}: {len(self.rows)} frames, {empty} without a grab, of {videos} videos"
+
+    @property
+    def summary(self) -> str:
+        """The same, by split."""
         videos = {split: len({row.video for row in self.split(split).rows}) for split in SPLITS}
-        parts = ", ".join(f"{split} {count}" for split, count in videos.items())
-        empty, how = sum(row.box_x0_px is None for row in self.rows), "by a hash of their names"
+        parts, how = ", ".join(f"{split} {count}" for split, count in videos.items()), "by a hash of their names"
         if not self.named and 2 * sum(videos.values()) > len(self.rows) > 2:
             how += "; so few frames a video: does each video have a folder, or a name, of its own?"
-        return (
-            f"{self.path}: {len(self.rows)} frames, {empty} without a grab, of {sum(videos.values())} videos "
-            f"({parts}, {'as the dataset names them' if self.named else how})"
-        )
+        return f"{self.counts} ({parts}, {'as the dataset names them' if self.named else how})"
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers in files, which are refused as boxes outside the image

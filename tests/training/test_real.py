@@ -122,7 +122,9 @@ def test_nothing_is_both_learned_from_and_judged_by(known, videos, tmp_path):
     other = shutil.copytree(alone, tmp_path / "other")
     with pytest.raises(DatasetError, match="each has one video alone"):
         real.read([alone, other], [], ())
-    assert len(real.read([], [alone], ()).held_out) == 1
+    apart = real.read([], [alone], ())
+    assert len(apart.held_out) == 1
+    assert apart.summary == (f"{alone}: 1 frames, 0 without a grab, of 1 videos, all to judge by",)
 
 
 # Training --------------------------------------------------------------------------------------------------------

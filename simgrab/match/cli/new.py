@@ -47,7 +47,7 @@ SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may tak
 ASKED = {
     "camera": ("model of the camera (none: give sensor and lens)", ""),
     "size": ("size of the picture, px (with --camera: its own)", "1920x1080"),
-    "fov": ("field of view on the data sheet, degrees across x up, such as 84x45 (none: not known)", ""),
+    "fov": ("field of view on the data sheet, degrees across x up, such as 84x45 or 84 (none: not known)", ""),
     "sensor": ("format of the sensor, such as 1/2.8, or its name, such as IMX335", "1/2.8"),
     "lens": ("focal length of the lens, mm (with --camera: its longest)", "4"),
     "rate": ("pictures a second", "25"),
@@ -286,7 +286,8 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
             f"cameras of this picture size and lens have other degrees across: {others}; see --camera"
         )
     if len(fov) < 2:
-        answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses")
+        up = ", from which degrees up follow; without those the focal length may be 5 % off" * len(fov)
+        answers.assumed.append(f"--fov: {name}, with the usual distortion of surveillance lenses{up}")
     if fov and "sensor" in answers and "lens" in answers:
         sensor, other_px, _ = _of_sensor(answers, width, height)
         answers.warnings.append(f"the focal length is {f:.0f} px, as {name}; {sensor}, would have {other_px:.0f} px")

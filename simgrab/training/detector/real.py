@@ -133,4 +133,5 @@ def read(also: Sequence[str | Path], held_out: Sequence[str | Path], grab_classe
     for frame in judged:
         if frame.labelled and frame.row.image_sha256 in learned:  # two cameras may show the same nothing
             raise DatasetError(f"{frame.file} is both learned from and judged by; keep whole videos apart")
-    return Real(train, val, judged, tuple(one.summary for one in sets))
+    lines = *(one.summary for one in known), *(f"{one.counts}, all to judge by" for one in apart)
+    return Real(train, val, judged, lines)
