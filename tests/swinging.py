@@ -49,6 +49,7 @@ class Feed:
 
     data: Controller
     states_rope: bool = True
+    states_radius: bool = False
     states_motion: bool = False
     every_s: float = 0.0
     latest_s: float = 20.0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgrab.instrument import alarm
 from simgrab.instrument.contract import Measurement, Status
+from simgrab.instrument.controller import Radii
 from simgrab.instrument.estimate.follow import Known, follow
 from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
 from simgrab.instrument.estimate.record import PixelRecord
@@ -61,7 +62,7 @@ def arrays(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
 
 
 def by_tilt(
-    record: RecordArrays, tilt: Known, calibration: Calibration, radius: Array | None = None
+    record: RecordArrays, tilt: Known, calibration: Calibration, radii: Radii | None = None
 ) -> tuple[Array, Array, Array]:
     """Swing (n,), its intervals (n, 2) and the horizontal part (n, 2) of the direction OA under a known tilt."""
     some = record.usable(rope=tilt.offset_m is not None)
@@ -71,16 +72,22 @@ def by_tilt(
             tilt, record.pixels[some], calibration,
             rope_length=None if tilt.offset_m is None else record.rope_length[some],
             time=None if record.time is None else record.time[some], pixel_sd=record.pixel_sd[some],
-            radius=None if radius is None else radius[some],
+            radii=None if radii is None else Radii(radii.value[some], radii.sd[some]),
         )  # fmt: skip
     return alpha, ends, direction
 
 
-def without_lean(alpha: Array, ends: Array, calibration: Calibration) -> Array:
-    """Intervals (n, 2) without how a camera leans on its mount, which alarms and forecasts do not wait for."""
+def without_lean(
+    alpha: Array, ends: Array, calibration: Calibration, pitched: NDArray[np.bool_] | None = None
+) -> Array:
+    """Intervals (n, 2) without how a camera leans on its mount, which alarms and forecasts do not wait for.
+
+    Those of ``pitched`` frames (n,) leave out the lean already.
+    """
     lean = NORMAL * LEAN_BY_MOUNT.get(calibration.mount, 0.0)
     off = np.sqrt(np.maximum((ends - alpha[:, None]) ** 2 - lean**2, 0.0))
-    return np.asarray(np.where(np.isfinite(ends), alpha[:, None] + off * (-1.0, 1.0), np.nan))
+    less = np.where(np.isfinite(ends), alpha[:, None] + off * (-1.0, 1.0), np.nan)
+    return np.asarray(less if pitched is None else np.where(pitched[:, None], ends, less))
 
 
 def forecasts(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,8 @@ MOST_MISFIT_M = 0.3
 """Two lengths of one rope differ by a constant, and by less than this: a display holds its value for some 0.2 s."""
 MOST_CONSTANT_M = 0.5
 RADIUS_M = 25.0  # where no radius is reported
+RATE_S = 1.0  # in which the radius shows how fast it changes
+LUFFING_M_S = 0.3  # how fast it may change unseen
 LATEST_S = 20.0  # of readings that show the jib's motion
 SPANS_S = (1.2, 2.0, 3.0)  # of them, for parabolas
 LEAST_LATEST, OLDEST_S = 5, 0.5
@@ -32,6 +35,13 @@ MOST_ERROR = 0.08  # m/s², standard deviation: a quarter of what a forecast exp
 LEAST_WIND_M_S = 2.0  # its lean is 0.01°
 SLACK = 0.8  # of the empty grab's mass: with less on its ropes it stands
 LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
+
+
+class Radii(NamedTuple):
+    """Radii of the rope exit and their standard deviations, m, each of shape (n,)."""
+
+    value: Array
+    sd: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,16 +115,43 @@ class Controller:
     def rope_at(self, time: Array) -> Array:
         """Interpolate the rope's length at times (m,); NaN in gaps, and a reading's period or more outside of all."""
         assert self.rope is not None
-        return self._at(time, self.rope)
-
-    def radius_at(self, time: Array) -> Array | None:
-        """Interpolate the radius likewise; None where it is not reported."""
-        return None if self.radius is None else self._at(time, self.radius)
-
-    def _at(self, time: Array, values: Array) -> Array:
         (first, last), period = self.time[[0, -1]], float(np.median(np.diff(self.time)))
         near = (time > first - period) & (time <= last + max(self.hold_s, period))
-        return np.interp(np.where(near, np.clip(time, first, last), time), self.time, values, np.nan, np.nan)
+        return np.interp(np.where(near, np.clip(time, first, last), time), self.time, self.rope, np.nan, np.nan)
+
+    def radii(self, time: Array, clock_sd_s: float | None = None, *, live: bool = False) -> Radii | None:
+        """Return the radius at times (m,); None where it is not reported.
+
+        Parameters
+        ----------
+        time : ndarray, shape (m,)
+        clock_sd_s : float, optional
+            In place of its own.
+        live : bool
+            Whether only readings count that are known by then, of which the last is carried on for a second at its
+            rate; NaN before the first.
+        """
+        if self.radius is None:
+            return None
+        known = np.isfinite(self.radius)
+        t, radius = self.time[known], self.radius[known]
+        if not len(t):
+            return None
+        until = time - self.motion_late_s if live else np.full(len(time), np.inf)
+        last = np.searchsorted(t, until, side="right") - 1
+        after = np.minimum(np.searchsorted(t, time), last)
+        before = np.clip(after - 1, 0, None)
+        age = np.minimum(np.abs(time - t[before]), np.abs(time - t[after]))
+
+        def at(moment: Array) -> Array:
+            return np.interp(np.minimum(moment, t[last]), t, radius)
+
+        begin = np.clip(time - RATE_S / 2, None, t[last] - RATE_S)
+        rate = (at(begin + RATE_S) - at(begin)) / RATE_S
+        value = at(time) + rate * np.clip(time - t[last], 0.0, RATE_S)
+        clock = self.clock_sd_s if clock_sd_s is None else clock_sd_s
+        sd = np.hypot(np.hypot(self.radius_sd, rate * clock), LUFFING_M_S * np.maximum(age - RATE_S, 0.0))
+        return Radii(np.where(last < 0, np.nan, value), sd)
 
     def jib_motion(self, time: float, after_s: Array) -> tuple[Array, Array]:
         """Return the jib's motion at a time, and in the seconds after it.

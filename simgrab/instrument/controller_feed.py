@@ -38,8 +38,8 @@ class ControllerFeed:
 
     Attributes
     ----------
-    states_rope, states_motion : bool
-        Whether it holds rope lengths; and slew and radius or luff, as often as anything else.
+    states_rope, states_radius, states_motion : bool
+        Whether it holds rope lengths; radius or luff; and these and slew as often as anything else.
     problem : str
         Why no readings could be made of the newest rows; empty if they could.
     news : str
@@ -56,7 +56,7 @@ class ControllerFeed:
         if all(one in (facts.wind, facts.load) for one in facts.quantities):
             raise RecordError(f"{path}: a live run does not read the wind; state it by --wind-m-s")
         self._facts = msgspec.structs.replace(facts, wind=None, load=None)
-        self.states_rope = facts.rope is not None
+        self.states_rope, self.states_radius = facts.rope is not None, bool(facts.radius or facts.luff)
         jib = [one for one in (facts.slew, facts.radius or facts.luff) if one is not None]
         rate_hz = max(one.rate_hz for one in self._facts.quantities)
         self.states_motion = len(jib) == 2 and min(one.rate_hz for one in jib) > rate_hz / 2

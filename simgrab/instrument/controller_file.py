@@ -295,7 +295,7 @@ def read_controller(
     motion = [
         (series[name][0], one) for name, one in (("slew", facts.slew), ("radius", facts.radius or facts.luff)) if one
     ]
-    late_s = [one.lag_s + (0.0 if np.array_equal(time, grid) else 1 / one.rate_hz) for time, one in motion]
+    late_s = [max(one.lag_s, 0.0) + (0.0 if np.array_equal(time, grid) else 1 / one.rate_hz) for time, one in motion]
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
     found: dict[str, Any] = {**beside, "motion_late_s": max(late_s, default=0.0)}

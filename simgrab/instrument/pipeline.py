@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgrab.errors import RunError
 from simgrab.instrument import angles
 from simgrab.instrument.angles import RecordArrays
 from simgrab.instrument.contract import Frame, Measurement
-from simgrab.instrument.controller import DELAY_S, DELAY_SD_S, ClockOffset, Controller
+from simgrab.instrument.controller import DELAY_S, DELAY_SD_S, OLDEST_S, ClockOffset, Controller
 from simgrab.instrument.detect import BUNDLED, Detector
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.estimate import DEFAULT, ESTIMATORS, Estimator
@@ -45,6 +46,8 @@ WARM_UP_S = 20.0  # of a live record before its first tilt: a swing or two, and 
 AGAIN_S = 10.0  # between re-estimates of it
 KEPT_S = 1200.0  # of a live record
 IMU, PLC = "imu0", "plc"  # among sensors: in the camera's housing, and the crane's controller
+UNSURE_M = 0.3  # of a radius that was not reported for a while: the next one turns no camera
+ARRIVAL_SD_S = 0.3  # of a clock by the arrival of rows
 LATE_S = math.hypot(DELAY_S, DELAY_SD_S)  # a controller's clock that may be further off is worse than a late display
 WINDOW_S = 10.0  # of readings that a live one is compared with
 
@@ -140,13 +143,16 @@ class Pipeline:
     def reports_radius(self) -> bool:
         """Whether a live run knows the radius of the rope exit, by which some cameras pitch."""
         if self.feed is not None:
-            return self.feed.states_motion
+            return self.feed.states_radius
         return self.controller is not None and self.controller.radius is not None and not self.display_first
 
     @property
     def foresees(self) -> bool:
         """Whether a live run's forecasts use how the controller's slewing and luffing move the jib."""
-        return self.reports_radius and (self.controller is None or self.controller.slew is not None)
+        if self.feed is not None:
+            return self.feed.states_motion
+        known = self.controller
+        return self.reports_radius and known is not None and known.slew is not None and known.motion_late_s < OLDEST_S
 
     def __call__(self, frames: Iterable[Frame], calibration: Calibration) -> Sequence[Measurement]:
         """Measure a record."""
@@ -262,18 +268,16 @@ class Pipeline:
                 )
                 return MeasuredRecord(record, measured, estimate, None, clock)
             tilt = known(estimate, calibration)
-        radius = None
+        radii = None
         if controller is not None and record.time is not None and controller.clock_sd_s <= LATE_S:
-            radius = controller.radius_at(record.time)
-        alpha, ends, swing = angles.by_tilt(record, tilt, calibration, radius)
+            radii = controller.radii(record.time)
+        alpha, ends, swing = angles.by_tilt(record, tilt, calibration, radii)
         if estimate is not None and self.calibrate_s is None:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
         measures_lean = moving(estimator) and estimate is not None and self.calibrate_s is None
-        pitched = tilt.pitched(radius) is not None
-        firm = (
-            ends if record.time is None or measures_lean or pitched else angles.without_lean(alpha, ends, calibration)
-        )
+        pitched = tilt.pitched(radii)
+        firm = ends if record.time is None or measures_lean else angles.without_lean(alpha, ends, calibration, pitched)
         ahead_s = None
         if estimate is None or not moving(estimator):
             # Forecasts rest on the tilt of all of the record, but on no later frames.
@@ -282,11 +286,12 @@ class Pipeline:
         if estimate is not None and self.calibrate_s is None and estimate.swing is not None:
             stated = estimate.swing
         measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=stated, firm=firm)
-        return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why, pitched)
+        followed = pitched is not None and bool(pitched.any())
+        return MeasuredRecord(record, measured, estimate, tilt, clock, estimator, why, followed)
 
     def _tilt(self, calibration: Calibration) -> Known | None:
         """Return the given tilt, for the camera's roll."""
-        return None if self.tilt is None else self.tilt.rolled(calibration.roll_deg)
+        return None if self.tilt is None else self.tilt.on(calibration.mount).rolled(calibration.roll_deg)
 
     def _calibrated(self, time: Array | None) -> Array | None:
         """Select the times of the frames, of (n,), that the tilt is estimated from."""
@@ -302,7 +307,7 @@ class Pipeline:
         lengths: list[float] = []
         tilt, start, due = self._tilt(calibration), math.nan, WARM_UP_S
         estimated = tilt is None and tracker is None
-        forecaster, watch, before = Forecaster(), FaultWatch(), tilt
+        forecaster, watch, before, last = Forecaster(), FaultWatch(), tilt, None
         for frame in ahead(frames):
             begun = time.perf_counter()
             at = frame.time_s
@@ -321,7 +326,9 @@ class Pipeline:
             if not ((self.display_first or watch.unlike) and np.isfinite(newest.rope_length[0])):
                 newest = newest.with_lengths(controller)
             lengths.append(float(newest.rope_length[0]))
-            radius = controller.radius_at(np.array([at])) if controller is not None and self.reports_radius else None
+            radii = None
+            if controller is not None and self.reports_radius:
+                radii = controller.radii(np.array([at]), ARRIVAL_SD_S if self.feed else None, live=True)
             if at - start >= due:
                 due = at - start + AGAIN_S
                 old = _before(observations, at - KEPT_S)
@@ -333,6 +340,7 @@ class Pipeline:
                     if found.ok:
                         found = with_weak_prior(found, whole, windy, calibration)
                         tilt = known(found, calibration)
+            pitched: NDArray[np.bool_] | None = None
             alpha, ends, swing, waits = np.full(1, np.nan), np.full((1, 2), np.nan), np.full((1, 2), np.nan), ""
             if tracker is not None:
                 alpha[0], ends[0] = tracker.step(at, observations[-1].centre, lengths[-1])
@@ -340,13 +348,14 @@ class Pipeline:
             elif tilt is None:
                 waits = f"no tilt yet: {at - start:.0f} s of {WARM_UP_S:.0f}"
             else:
-                alpha, ends, swing = angles.by_tilt(newest, tilt, calibration, radius)
-                if before is not tilt and before is not None:
-                    by = swing - angles.by_tilt(newest, before, calibration, radius)[2]
+                alpha, ends, swing = angles.by_tilt(newest, tilt, calibration, radii)
+                pitched = tilt.pitched(radii)
+                guessed = last is None or not (np.isfinite(last.value[0]) and last.sd[0] < UNSURE_M)
+                if before is not None and (before is not tilt or (guessed and pitched is not None)):
+                    by = swing - angles.by_tilt(newest, before, calibration, last if guessed else radii)[2]
                     forecaster.shift(by)
                     watch.shift(by)
-            pitched = tilt is not None and tilt.pitched(radius) is not None
-            firm = ends if tracker is not None or pitched else angles.without_lean(alpha, ends, calibration)
+            firm = ends if tracker is not None else angles.without_lean(alpha, ends, calibration, pitched)
             motion: Sequence[Array] = ()
             if controller is not None and self.foresees:
                 motion = controller.jib_motion(at, MIDDLES_S)
@@ -356,7 +365,7 @@ class Pipeline:
             watch.frame(frame, measured)
             if self.feed is not None:
                 watch.controller(at, controller, self.feed)
-            used, before = tilt, tilt
+            used, before, last = tilt, tilt, radii
             sd = newest.direction_sd(calibration.focal_length_px)
             if tracker is None and watch.knock(at, swing, sd, newest.rope_length):
                 tilt, estimated, forecaster, start, due = None, True, Forecaster(), watch.since, WARM_UP_S

@@ -691,3 +691,31 @@ def test_a_description_is_a_value_too(tmp_path):
 def test_a_clock_is_stated_in_words(offset_s, said):
     clock = ClockOffset(offset_s, 0.5, "a file")
     assert in_words(clock.offset_s, clock.interval_s, clock.source, None) == said
+
+
+def test_radii_of_live_runs_are_of_readings_known_by_then():
+    time = np.arange(0, 60, 0.5)
+    radius = np.where(time < 30, 20.0, 20 + 0.4 * (time - 30))
+    data = Controller(time, None, radius.copy(), radius_sd=0.01, clock_sd_s=0.2, motion_late_s=1.0)
+    at = np.array([-1.0, 0.5, 20.0, 30.9, 40.0, 40.4, 59.4, 63.0])
+    whole, live = data.radii(at), data.radii(at, live=True)
+    np.testing.assert_allclose(whole.value[2:6], 20 + 0.4 * np.maximum(at[2:6] - 30, 0), atol=1e-9)
+    assert np.isnan(live.value[:2]).all()
+    np.testing.assert_allclose(live.value[[2, 3, 4]], [20, 20, 24], atol=1e-9)  # it luffs on for a second
+    assert live.sd[2] == pytest.approx(0.01)
+    assert live.sd[4] == pytest.approx(np.hypot(0.01, 0.4 * 0.2), rel=1e-6)
+    assert live.sd[7] > 0.5  # long after the last reading
+    later = dataclasses.replace(data, radius=np.where(time > 39, 99.0, radius))
+    np.testing.assert_array_equal(later.radii(at[:5], live=True).value, live.value[:5])
+    data.radius[-4:] = np.nan  # a series that ends sooner than the others
+    assert np.isfinite(data.radii(np.array([59.9]), 0.3, live=True).value).all()
+    assert Controller(time, None, np.full(120, np.nan)).radii(at) is None
+    assert Controller(time, radius).radii(at) is None
+
+
+@pytest.mark.parametrize("lag_s", [-2.0, 0.4])
+def test_readings_are_not_known_before_their_time(tmp_path, lag_s):
+    path = plain(
+        tmp_path, slew=quantity("slew", "deg", lag_s=lag_s), radius=quantity("radius", "m", constant_m=0.0, lag_s=lag_s)
+    )
+    assert read_controller(path).motion_late_s == max(lag_s, 0.0)

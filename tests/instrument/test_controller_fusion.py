@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 import simgrab
 from simgrab.errors import CalibrationError
-from simgrab.instrument.controller import Controller
+from simgrab.instrument.controller import Controller, Radii
 from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.follow import Known, follow, known
 from simgrab.instrument.estimate.intervals import IntervalSettings
@@ -197,27 +197,29 @@ def test_later_frames_follow_from_a_tilt_and_the_pitch_by_luffing(roll_deg):
     assert tilt == convert(tomllib.loads(tilt.to_toml()), Known, CalibrationError, "tilt.toml")
     radius = crane.jib[later, 1]
     assert np.ptp(radius) > 2
+    exact = Radii(radius, np.zeros(500))
 
-    def followed(tilt, camera, radius):
+    def followed(tilt, camera, radii):
         given = {"rope_length": crane.rope[later], "time": crane.time[later], "pixel_sd": np.ones(500)}
-        alpha, ends, _ = follow(tilt, crane.pixels[later], camera, **given, radius=radius)
+        alpha, ends, _ = follow(tilt, crane.pixels[later], camera, **given, radii=radii)
         error, inside = (
             alpha - crane.alpha[later],
             (ends.T[0] <= crane.alpha[later]) & (crane.alpha[later] <= ends.T[1]),
         )
         return np.degrees(np.sqrt(np.mean(error**2))), np.mean(inside), np.degrees(np.median(np.ptp(ends, axis=1)))
 
-    error, inside, width = followed(tilt, camera, radius)
+    error, inside, width = followed(tilt, camera, exact)
     assert error < 0.15
     assert inside > 0.9
     assert width < 1
     assert followed(tilt, camera, None)[0] > 1.0
-    gone = np.where(np.arange(500) < 250, radius, np.nan)
-    _, inside, width = followed(tilt, camera, gone)
-    assert inside > 0.9
+    gone = Radii(np.where(np.arange(500) < 250, radius, np.nan), np.zeros(500))
+    assert followed(tilt, camera, gone)[1] > 0.9
+    assert followed(tilt, camera, Radii(radius, np.full(500, 0.2)))[2] > 2 * width
+    assert followed(tilt, camera, Radii(radius, np.full(500, 50.0)))[2] < 7  # no more than such a camera leans
     # Of another stated roll, from which the pitch's direction follows too.
     other = msgspec.structs.replace(camera, roll_deg=roll_deg - 7.0)
-    assert followed(tilt.rolled(other.roll_deg), other, radius)[0] == pytest.approx(error, abs=1e-9)
+    assert followed(tilt.rolled(other.roll_deg), other, exact)[0] == pytest.approx(error, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -228,6 +230,13 @@ def test_a_camera_that_cannot_pitch_or_may_not_is_not_taken_to(mount, pitch, sd)
     found = PendulumSmoother().estimate(crane.pixels, crane.calibration, rope_length=crane.rope, time=crane.time)
     shown = {"pitch_per_m": pitch, "pitch_sd_per_m": sd, "radius_m": 25.0}
     found = replace(found, diagnostics=found.diagnostics | shown)
-    camera = msgspec.structs.replace(crane.calibration, mount=mount)
-    assert known(found, camera).pitched(np.full(3, 20.0)) is None
-    assert known(found, msgspec.structs.replace(camera, mount="rigid")).pitched(None) is None
+    camera, radii = msgspec.structs.replace(crane.calibration, mount=mount), Radii(np.full(3, 20.0), np.zeros(3))
+    assert known(found, camera).pitched(radii) is None
+    clear = replace(found, diagnostics=found.diagnostics | shown | {"pitch_sd_per_m": 0.001})
+    tilt = known(clear, msgspec.structs.replace(camera, mount="rigid"))
+    assert tilt.pitched(radii).all()
+    assert tilt.on("").pitched(radii).all()
+    assert tilt.on("fixed").pitched(radii) is None
+    for half in ({"radius_m": None}, {"pitch_deg_per_m": (0.0, 0.0)}):
+        with pytest.raises(CalibrationError, match="radius_m: is of a camera whose pitch_deg_per_m is not 0"):
+            msgspec.structs.replace(tilt, **half)

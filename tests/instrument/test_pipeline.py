@@ -495,3 +495,32 @@ def test_a_given_tilt_follows_the_radius_that_the_controller_reports(clock_sd_s)
     for record, leans in ((whole, False), (None, clock_sd_s > 0.5)):
         text = assumptions(camera, record, tilt, instrument, whole.measurements, timed=True)["leans"]
         assert bool(text) == leans
+
+
+@pytest.mark.parametrize("case", ["every half second", "from 10 s on", "silent for 3 s", "slow", "a clock 0.3 s off"])
+def test_a_live_tilt_follows_a_radius_that_comes_seldom_late_or_with_gaps(case):
+    crane = swinging.record(fixed=False, frames=900, seed=101, camera__mount={"model": "rigid"})
+    camera = msgspec.structs.replace(crane.calibration, mount="rigid")
+    at = np.arange(0, 100, 1.0 if case == "slow" else 0.1)
+    columns = [np.interp(at, crane.time, one) for one in (*crane.jib.T, crane.rope)]
+    data = Controller(at, *columns, 1e-3, 3e-3, 0.3, hold_s=1.0)
+    tilt = made(controller=data).conclude(crane.observations(1.0), camera).tilt
+    if case == "silent for 3 s":
+        data.radius[(at > 30) & (at < 33)] = np.nan
+    given = {"feed": Feed(data, states_radius=True, every_s=0.5)}
+    if case == "from 10 s on":
+        some = at >= 10
+        part = {name: getattr(data, name)[some] for name in ("time", "slew", "radius", "rope")}
+        given = {"controller": dataclasses.replace(data, **part)}
+    if case == "a clock 0.3 s off":
+        given = {"controller": dataclasses.replace(data, time=at + 0.3)}
+    live = lives(crane.observations(1.0)[:500], camera, tilt=tilt, **given)
+    assert not [fault for one in live for fault in one.faults if fault.kind == "camera"]
+    measured = [one.measurement for one in live][100 if case == "from 10 s on" else 10 :]
+    error = np.degrees(np.array([m.alpha for m in measured]) - crane.alpha[500 - len(measured) : 500])
+    off = (
+        np.degrees([(m.alpha_low, m.alpha_high) for m in measured])
+        - np.degrees(crane.alpha)[500 - len(measured) : 500, None]
+    )
+    assert np.sqrt(np.mean(error**2)) < 0.3
+    assert np.mean((off[:, 0] <= 0) & (off[:, 1] >= 0)) > 0.93

@@ -10,9 +10,10 @@ from typing import Annotated
 import msgspec
 import numpy as np
 import tomli_w
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from simgrab.errors import CalibrationError
+from simgrab.instrument.controller import Radii
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.contract import alpha_ends, angles_of
 from simgrab.instrument.estimate.frames import Frames, check_record, gravity, groups
@@ -29,6 +30,7 @@ Pitch = Annotated[float, Meta(ge=-20, le=20)]
 LEVEL = 0.95
 WEAK_PRIOR_OFFSET, WEAK_PRIOR_IF_FIXED = "weak_prior_offset_m", "weak_prior_offset_if_fixed_m"  # diagnostics
 FAR, FAR_IF_FIXED = 2.0, 3.0  # standard deviations
+PITCHING = "", "rigid"  # mounts, if not stated
 CLEAR_PITCH = 4.0  # standard deviations
 LEAST_OFFSET_SD_M = 0.05  # with which a stated offset is tested: a stronger prior hides what frames show of it
 
@@ -79,6 +81,8 @@ class Known(Checked, frozen=True):
         wanted = (2, 2) if self.offset_m is None else (4, 4)
         if shape != wanted:
             raise ValueError(f"covariance must have the shape {wanted}, got {shape}")
+        if (self.radius_m is None) == any(self.pitch_deg_per_m):
+            raise ValueError("radius_m: is of a camera whose pitch_deg_per_m is not 0: give both or none")
 
     def rolled(self, roll_deg: float) -> Known:
         """Return what the same pictures show of a camera of another roll: pixels fix the tilt's direction less it."""
@@ -95,11 +99,15 @@ class Known(Checked, frozen=True):
             pitch_deg_per_m=(float(pitch[0]), float(pitch[1])),
         )  # fmt: skip
 
-    def pitched(self, radius: Array | None) -> Array | None:
-        """Return what radii (n,), m, add to (β cos azimuth, β sin azimuth), rad, (n, 2); None if it is not known."""
-        if radius is None or self.radius_m is None:
-            return None
-        return np.deg2rad(np.outer(radius - self.radius_m, self.pitch_deg_per_m))
+    def on(self, mount: str) -> Known:
+        """Return what it is of a camera on a mount: some cannot pitch."""
+        if mount in PITCHING:
+            return self
+        return msgspec.structs.replace(self, radius_m=None, pitch_deg_per_m=(0.0, 0.0), pitch_sd_deg_per_m=0.0)
+
+    def pitched(self, radii: Radii | None) -> NDArray[np.bool_] | None:
+        """Of which of n radii the pitch follows: shape (n,); None of all if the tilt or the radii are not known."""
+        return None if radii is None or self.radius_m is None else np.isfinite(radii.value)
 
     def to_toml(self) -> str:
         """Return the file's text."""
@@ -125,7 +133,7 @@ def known(estimate: Estimate, calibration: Calibration) -> Known:
     shown = estimate.diagnostics
     estimated = calibration.roll_deg + float(np.rad2deg(shown.get("roll_error", 0.0)))
     pitch, pitch_sd = (float(np.rad2deg(shown.get(name, 0.0))) for name in ("pitch_per_m", "pitch_sd_per_m"))
-    pitches = calibration.mount in {"", "rigid"} and abs(pitch) > CLEAR_PITCH * pitch_sd
+    pitches = calibration.mount in PITCHING and abs(pitch) > CLEAR_PITCH * pitch_sd
     own = Known(
         estimate.estimator, estimate.frames, float(np.rad2deg(estimate.beta)), float(np.rad2deg(estimate.tilt_azimuth)),
         _components(estimate.offset), tuple(tuple(float(x) for x in row) for row in covariance),
@@ -163,7 +171,7 @@ def follow(
     rope_length: ArrayLike | None = None,
     time: ArrayLike | None = None,
     pixel_sd: ArrayLike | None = None,
-    radius: Array | None = None,
+    radii: Radii | None = None,
 ) -> tuple[Array, Array, Array]:
     r"""Swing of each frame under a known tilt.
 
@@ -179,8 +187,8 @@ def follow(
         Seconds. Without it the frames are independent, and a camera is taken not to lean.
     pixel_sd : array_like, shape (n,), optional
         Standard deviation of each pixel coordinate, px.
-    radius : ndarray, shape (n,), optional
-        Of the rope exit, m, by which a camera pitches if the tilt states how.
+    radii : Radii, optional
+        By which a camera pitches if the tilt states how; it leans as on its mount where one is NaN.
 
     Returns
     -------
@@ -199,10 +207,11 @@ def follow(
     uv, rope, t, sd = check_record(np.asarray(pixels, float)[None], rope_length, time, False, pixel_sd)
     covariance = np.array(tilt.covariance)[None]
     beta, azimuth = np.array([np.deg2rad(tilt.beta_deg)]), np.array([np.deg2rad(tilt.tilt_azimuth_deg)])
-    pitched = tilt.pitched(radius)
+    pitched = tilt.pitched(radii)
     (frames,) = groups(uv, rope, t if pitched is None else None, calibration, sd)
     if pitched is not None:
-        frames = _as_of(tilt, frames, pitched, np.asarray(radius))
+        assert radii is not None
+        frames = _as_of(tilt, frames, radii)
     lever = radial = None
     if tilt.offset_m is not None:
         assert rope is not None
@@ -223,14 +232,17 @@ def follow(
     return np.where(seen, alpha[0], np.nan), np.where(some, ends, np.nan), np.where(some, across[0].T, np.nan)
 
 
-def _as_of(tilt: Known, frames: Frames, pitched: Array, radius: Array) -> Frames:
+def _as_of(tilt: Known, frames: Frames, radii: Radii) -> Frames:
     """Turn rays of a record to where a camera of the stated tilt would see them, with the pitch's error as noise."""
     assert tilt.radius_m is not None
-    azimuth = np.deg2rad(tilt.tilt_azimuth_deg)
-    leans = np.deg2rad(tilt.beta_deg) * np.array([np.cos(azimuth), np.sin(azimuth)]) + np.nan_to_num(pitched)
-    back = lean(np.deg2rad(tilt.beta_deg), azimuth).T @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
-    off = np.deg2rad(tilt.pitch_sd_deg_per_m) * (radius - tilt.radius_m)
-    noise = np.where(np.isnan(radius), iv.LEAN_BY_MOUNT["rigid"], off) ** 2
+    beta, azimuth = np.deg2rad(tilt.beta_deg), np.deg2rad(tilt.tilt_azimuth_deg)
+    pitch = np.deg2rad(tilt.pitch_deg_per_m)
+    further = np.nan_to_num(radii.value - tilt.radius_m)
+    leans = beta * np.array([np.cos(azimuth), np.sin(azimuth)]) + np.outer(further, pitch)
+    back = lean(beta, azimuth).T @ lean(np.hypot(*leans.T), np.arctan2(leans[:, 1], leans[:, 0]))
+    off = np.hypot(np.deg2rad(tilt.pitch_sd_deg_per_m) * further, np.hypot(*pitch) * radii.sd)
+    most = iv.LEAN_BY_MOUNT["rigid"]
+    noise = np.where(np.isnan(radii.value), most, np.minimum(off, most)) ** 2
     noise = noise + (0.0 if frames.noise is None else frames.noise)
     return replace(frames, rays=np.einsum("nij,mjn->min", back, frames.rays), noise=noise)
 

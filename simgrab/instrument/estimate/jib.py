@@ -75,7 +75,7 @@ class JibMotion:
         across = np.stack([-out[:, 1], out[:, 0]], axis=-1)
         velocity = radius[:, 1:2] * out + (reach * slew[:, 1])[:, None] * across
         course = np.column_stack([slew[:, 0], reach - reach.mean(), velocity, np.zeros_like(velocity)])
-        return cls(time, course, radius_m=float(reach.mean()))
+        return cls(time, course, radius_m=0.0 if controller.radius is None else float(reach.mean()))
 
     @property
     def sensed(self) -> bool:

@@ -141,12 +141,17 @@ def run(
     numbers, target = itertools.count(2), Path(out)
     with ThreadPoolExecutor(1) as writer:  # beside which the stream is measured on
         while True:
-            with ExitStack() as making:
-                folder = making.enter_context(runs.making(target))
-                conclude, overlay = measured(folder)
+            try:
+                with ExitStack() as making:
+                    folder = making.enter_context(runs.making(target))
+                    conclude, overlay = measured(folder)
+                    if parts is not None:
+                        parts.check_written()
+                    args = making.pop_all(), folder, conclude, overlay
+            except Exception as problem:
                 if parts is not None:
-                    parts.check_written()
-                args = making.pop_all(), folder, conclude, overlay
+                    parts.add_writing_to(problem)
+                raise
             if parts is None or parts.ended:
                 return write(*args)
             parts.writing = target, writer.submit(write, *args)
@@ -250,10 +255,20 @@ class _Parts:
     def check_written(self) -> None:
         """Wait until the part before is written; raise what prevented it."""
         if self.writing is not None:
-            target, future = self.writing
-            future.result()
+            (target, future), self.writing = self.writing, None
+            try:
+                future.result()
+            except KeyboardInterrupt:
+                self.ended = True
+                future.result()
             self._report(f"written: {target}")
-            self.writing = None
+
+    def add_writing_to(self, problem: Exception) -> None:
+        """Note with what ended the run what prevented the part before from being written."""
+        try:
+            self.check_written()
+        except Exception as other:
+            problem.add_note(str(other))
 
     def next(self, folder: Path | None, options: RunOptions) -> tuple[Callable[[], Run], OverlayVideo]:
         """Measure one part, all of it where no folder is written; its results follow when they are called for."""
