@@ -12,7 +12,7 @@ import tomli_w
 from films import film
 from test_pipeline import lives, made
 
-from simgrab.errors import RecordError, RunError
+from simgrab.errors import RecordError, RunError, SourceError
 from simgrab.instrument import pipeline as rooms
 from simgrab.instrument import video
 from simgrab.instrument.contract import Frame, Measurement
@@ -281,6 +281,30 @@ def test_a_part_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch, frame
     with pytest.raises(RunError, match="No space left"):
         running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
                     RunOptions(live=True, video=False))  # fmt: skip
+    assert [left.name for left in tmp_path.iterdir()] == ["a.mp4"]
+
+
+def test_what_prevented_a_part_is_noted_with_what_ended_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(running, "PART_S", 2.0)
+    from test_run import nothing
+
+    ended = threading.Event()
+
+    def full(*_, **__):
+        ended.wait(30)
+        raise OSError(28, "No space left on device")
+
+    def stop(done, _):
+        if done == 25:
+            ended.set()
+            raise SourceError("the picture is gone")
+
+    monkeypatch.setattr(running, "_write", full)
+    path = film(tmp_path / "a.mp4", np.arange(30) / 9)
+    with pytest.raises(SourceError, match="the picture is gone") as found:
+        running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
+                    RunOptions(live=True, video=False), progress=stop)  # fmt: skip
+    assert "No space left" in found.value.__notes__[0]
     assert [left.name for left in tmp_path.iterdir()] == ["a.mp4"]
 
 
