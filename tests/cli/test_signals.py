@@ -60,6 +60,18 @@ def test_a_signal_ends_a_command_as_an_interrupt_does(tmp_path, number):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "clean", "cleaning"]
 
 
+def test_an_interrupted_command_does_not_wait_for_a_librarys_thread(tmp_path):
+    thread = "__import__('threading').Thread(target=time.sleep, args=(600,)).start(); time.sleep(600)"
+    process = start(tmp_path, code=WAITS.replace("time.sleep(600)", thread))
+    process.send_signal(signal.SIGTERM)
+    try:
+        process.communicate(timeout=120)
+        assert process.returncode == 143
+        assert (tmp_path / "clean").exists()
+    finally:
+        process.kill()
+
+
 @pytest.mark.slow
 def test_a_second_signal_ends_it_at_once(tmp_path):
     process = start(tmp_path, cleaning=600)
