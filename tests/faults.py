@@ -20,7 +20,7 @@ class Mirrored(RopeAware):
     def estimate(self, pixels, calibration, **given):
         found = super().estimate(pixels, calibration, **given)
         wrong = dataclasses.replace(found, tilt_azimuth=-found.tilt_azimuth % (2 * math.pi))
-        alpha, *_ = follow(known(wrong, calibration.roll_deg), pixels, calibration, rope_length=given["rope_length"])
+        alpha, *_ = follow(known(wrong, calibration), pixels, calibration, rope_length=given["rope_length"])
         return dataclasses.replace(wrong, alpha=alpha)
 
 

@@ -161,7 +161,7 @@ def test_cards_show_names_as_text(name):
             name="find", task="Finds.", data=(DatasetIdentity(name, "d1", "d2", 0, 800),), examples=640, recipe={},
             epochs=3, seconds=90.0, metrics={"recall": 0.9, "by_weather": {name: {name: 1.0}}},
         )  # fmt: skip
-        return markdown(card.to_dict(b"weights")).splitlines()
+        return markdown(card.of(b"weights")).splitlines()
 
     lines, plain = lines_of(name), lines_of("plain")
     assert len(lines) == len(plain)

@@ -67,19 +67,19 @@ class Card:
     started_from: str = ""
     real: Mapping[str, Any] = field(default_factory=dict)
 
-    def save(self, model: Path) -> Path:
-        """Write the card beside a model: ``pose.onnx`` gets ``pose.json`` and ``pose.md``. Returns the JSON's path.
-
-        It states the digest of the model's bytes, the versions and the machine too.
-        """
-        path, data = model.with_suffix(".json"), model.read_bytes()
-        content = asdict(self) | {
+    def of(self, data: bytes) -> dict[str, Any]:
+        """Return the card of a model's bytes, with their digest, the versions and the machine."""
+        return asdict(self) | {
             "model_sha256": hashlib.sha256(data).hexdigest(),
             "model_bytes": len(data),
             "machine": machine(str(self.recipe.get("device", "cpu"))),
             "versions": versions(),
             "licence": LICENCE,
         }
+
+    def save(self, model: Path) -> Path:
+        """Write the card beside a model: ``pose.onnx`` gets ``pose.json`` and ``pose.md``. Returns the JSON's path."""
+        path, content = model.with_suffix(".json"), self.of(model.read_bytes())
         write(path, f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())
         write(path.with_suffix(".md"), markdown(content).encode())
         return path

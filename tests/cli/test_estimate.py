@@ -61,7 +61,7 @@ def test_a_controllers_data_take_the_place_of_the_column(quantity, estimator, tm
     found = json.loads(result.stdout)
     assert (found["estimator"], found["status"]) == (estimator, "ok")
     assert len(found["alpha_deg"]) == 120
-    said = "controller's clock: +0.00 s (-0.20 to +0.20) behind the pictures', from its description"
+    said = "controller's clock: that of the pictures (-0.20 to +0.20 s), from its description"
     assert found["warnings"][-1].startswith(said)
     assert sum("rope.constant_m is not stated" in warning for warning in found["warnings"]) == 1
     if quantity == "rope":

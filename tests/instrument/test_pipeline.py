@@ -75,7 +75,7 @@ def test_a_known_tilt_gives_the_angles_and_intervals_of_its_estimate(crane, name
     pixels[7] = np.nan
     camera = msgspec.structs.replace(crane.calibration, k1=-0.1, roll_deg=20.0)
     found = ESTIMATORS[name]().estimate(pixels, camera, rope_length=crane.rope, pixel_sd=sd)
-    alpha, ends, _ = follow(known(found, 20.0), pixels, camera, rope_length=crane.rope, pixel_sd=sd)
+    alpha, ends, _ = follow(known(found, camera), pixels, camera, rope_length=crane.rope, pixel_sd=sd)
     np.testing.assert_allclose(alpha, found.alpha, atol=1e-8)
     # Student's quantile for 900 frames, by which the estimate scales the noise too, is 0.1 % beyond the normal one.
     np.testing.assert_allclose(ends, found.interval("iid").alpha, atol=2e-5)
@@ -85,7 +85,7 @@ def test_frames_to_come_are_as_uncertain_as_a_few_blocks_were(crane):
     estimator = MeanRay(intervals=IntervalSettings(block_s=30.0))
     found = estimator.estimate(crane.pixels, crane.calibration, time=crane.time)
     assert found.interval("blocks").blocks == 3
-    _, ends, _ = follow(known(found, 0.0), crane.pixels, crane.calibration)
+    _, ends, _ = follow(known(found, crane.calibration), crane.pixels, crane.calibration)
     np.testing.assert_allclose(ends, found.interval("blocks").alpha, atol=1e-9)
     assert np.ptp(ends, axis=-1).mean() > 2 * np.ptp(found.interval("iid").alpha, axis=-1).mean()
 

@@ -724,7 +724,9 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     informed = runs.load(tmp_path / "d")
     later = {"kind": "controller", "time_s": 60.0, "text": "its clock is +3.99 s (+3.43 to +4.56) behind the pictures'"}
     rows = dict(held(dataclasses.replace(informed, about=informed.about | {"faults": [later]})))
-    assert rows["controller's clock"].startswith("+3.99 s (+3.43 to +4.56) behind the pictures'; at first +")
+    assert rows["controller's clock"].startswith(
+        "+3.99 s (+3.43 to +4.56) behind the pictures'; at first that of the pictures (-9.80 to +9.80 s)"
+    )
     assert "controller's load" not in rows
     for used, begins in ((True, "used: "), (False, "not used: ")):
         about = informed.about | {"controller": informed.about["controller"] | {"load_used": used}}

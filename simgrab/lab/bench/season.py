@@ -82,7 +82,7 @@ def trial() -> tuple[SeasonClip, ...]:
     return nightly()[:2]
 
 
-SUBSETS = {"nightly": nightly, "full": full, "trial": trial}
+SUBSETS = "nightly", "full", "trial"
 
 
 def check_sensors(sensors: Sequence[str]) -> None:
@@ -150,7 +150,7 @@ class Season(Checked, frozen=True):
     @property
     def clips(self) -> tuple[SeasonClip, ...]:
         """In the order of the targets."""
-        return SUBSETS[self.subset]()
+        return {"nightly": nightly, "full": full, "trial": trial}[self.subset]()
 
     @property
     def commitment(self) -> str:
