@@ -288,18 +288,22 @@ def test_what_prevented_a_part_is_noted_with_what_ended_the_run(tmp_path, monkey
     monkeypatch.setattr(running, "PART_S", 2.0)
     from test_run import nothing
 
-    ended = threading.Event()
+    ended, add = threading.Event(), running._Parts.add_writing_to
+
+    def adds(parts, problem):
+        ended.set()
+        add(parts, problem)
 
     def full(*_, **__):
-        ended.wait(30)
+        assert ended.wait(30)
         raise OSError(28, "No space left on device")
 
     def stop(done, _):
         if done == 25:
-            ended.set()
             raise SourceError("the picture is gone")
 
     monkeypatch.setattr(running, "_write", full)
+    monkeypatch.setattr(running._Parts, "add_writing_to", adds)
     path = film(tmp_path / "a.mp4", np.arange(30) / 9)
     with pytest.raises(SourceError, match="the picture is gone") as found:
         running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
