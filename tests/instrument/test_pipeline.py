@@ -472,13 +472,20 @@ def test_a_rope_shorter_than_the_offset_has_no_swing():
     assert np.isnan(alpha).all()
 
 
-@pytest.mark.parametrize("clock_sd_s", [0.3, 1.0])
-def test_a_given_tilt_follows_the_radius_that_the_controller_reports(clock_sd_s):
-    """Unless its clock may be too far off, which a display shows of a whole record."""
+@pytest.fixture(scope="module")
+def bolted():
+    """A record below a camera that is bolted to the jib, the camera, and the tilt that it shows with the controller."""
     crane = swinging.record(fixed=False, frames=900, seed=101, camera__mount={"model": "rigid"})
     camera = msgspec.structs.replace(crane.calibration, mount="rigid")
+    data = Controller(crane.time, *crane.jib.T, crane.rope, 1e-3, 3e-3, clock_sd_s=0.3)
+    return crane, camera, made(controller=data).conclude(crane.observations(1.0), camera).tilt
+
+
+@pytest.mark.parametrize("clock_sd_s", [0.3, 1.0])
+def test_a_given_tilt_follows_the_radius_that_the_controller_reports(bolted, clock_sd_s):
+    """Unless its clock may be too far off, which a display shows of a whole record."""
+    crane, camera, tilt = bolted
     data = Controller(crane.time, *crane.jib.T, crane.rope, 1e-3, 3e-3, clock_sd_s=clock_sd_s)
-    tilt = made(controller=dataclasses.replace(data, clock_sd_s=0.3)).conclude(crane.observations(1.0), camera).tilt
     assert np.hypot(*tilt.pitch_deg_per_m) == pytest.approx(2.0, abs=0.2)
     seen = crane.observations(1.0)[:700]
     instrument = made(controller=data, tilt=tilt)
@@ -498,13 +505,11 @@ def test_a_given_tilt_follows_the_radius_that_the_controller_reports(clock_sd_s)
 
 
 @pytest.mark.parametrize("case", ["every half second", "from 10 s on", "silent for 3 s", "slow", "a clock 0.3 s off"])
-def test_a_live_tilt_follows_a_radius_that_comes_seldom_late_or_with_gaps(case):
-    crane = swinging.record(fixed=False, frames=900, seed=101, camera__mount={"model": "rigid"})
-    camera = msgspec.structs.replace(crane.calibration, mount="rigid")
+def test_a_live_tilt_follows_a_radius_that_comes_seldom_late_or_with_gaps(bolted, case):
+    crane, camera, tilt = bolted
     at = np.arange(0, 100, 1.0 if case == "slow" else 0.1)
     columns = [np.interp(at, crane.time, one) for one in (*crane.jib.T, crane.rope)]
     data = Controller(at, *columns, 1e-3, 3e-3, 0.3, hold_s=1.0)
-    tilt = made(controller=data).conclude(crane.observations(1.0), camera).tilt
     if case == "silent for 3 s":
         data.radius[(at > 30) & (at < 33)] = np.nan
     given = {"feed": Feed(data, states_radius=True, every_s=0.5)}
