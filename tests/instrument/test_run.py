@@ -728,6 +728,10 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
         "+3.99 s (+3.43 to +4.56) behind the pictures'; at first that of the pictures (-9.80 to +9.80 s)"
     )
     assert "controller's load" not in rows
+    assert "pitch" not in rows
+    bolted = informed.about["tilt"] | {"radius_m": 25.7, "pitch_deg_per_m": [2.0, 0.3], "pitch_sd_deg_per_m": 0.05}
+    rows = dict(held(dataclasses.replace(informed, about=informed.about | {"tilt": bolted})))
+    assert rows["pitch"] == "2.02 ± 0.10 deg for each metre of radius; the tilt is that at 25.7 m"
     for used, begins in ((True, "used: "), (False, "not used: ")):
         about = informed.about | {"controller": informed.about["controller"] | {"load_used": used}}
         assert dict(held(dataclasses.replace(informed, about=about)))["controller's load"].startswith(begins)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +11,6 @@ import numpy as np
 from simgrab.instrument.angles import NORMAL
 from simgrab.instrument.controller import CLOCK, in_words
 from simgrab.instrument.estimate import PaperIteration
-from simgrab.instrument.estimate.follow import CLEAR_PITCH
 from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.run.runs import Run
 from simgrab.model.geometry import Array
@@ -101,6 +101,10 @@ def held(run: Run) -> list[tuple[str, str]]:
             rows.append(("roll", f"{by}; state it as roll_deg in the camera file"))
     elif run.about["tilt"] is not None:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
+    if (radius_m := (run.about["tilt"] or {}).get("radius_m")) is not None:
+        pitch, sd = math.hypot(*run.about["tilt"]["pitch_deg_per_m"]), run.about["tilt"]["pitch_sd_deg_per_m"]
+        by = f"{pitch:.2f} ± {NORMAL * sd:.2f} deg for each metre of radius"
+        rows.append(("pitch", f"{by}; the tilt is that at {radius_m:.1f} m"))
     for name, key in (("95 % intervals", "text"), ("warning", "leans"), ("contradicts the camera file", "beyond")):
         text = run.about.get("assumed", {}).get(key)
         rows += [(name, text)] if text else []
@@ -138,11 +142,7 @@ def _intervals(estimate: Mapping[str, Any], *, timed: bool) -> list[tuple[str, s
     if not stated:
         return []
     low, high = stated.get("blocks", next(iter(stated.values())))["beta_deg"]
-    shown = estimate["diagnostics"]
-    pitch, sd = (shown.get(f"pitch_{name}_deg", 0.0) for name in ("per_m", "sd_per_m"))
-    at = f" at a radius of {shown['radius_m']:.1f} m" if abs(pitch) > CLEAR_PITCH * sd else ""
-    of_tilt = [("tilt, 95 %", f"{low:.2f} to {high:.2f} deg{at}")]
-    of_tilt += [("pitch", f"{pitch:.2f} ± {NORMAL * sd:.2f} deg for each metre of radius")] if at else []
+    of_tilt = [("tilt, 95 %", f"{low:.2f} to {high:.2f} deg")]
     if "posterior" in stated:
         return of_tilt
     return [*of_tilt, ("95 % intervals by", f"frames that are {WORKING.apart_s:g} s apart" if timed else "frames")]
