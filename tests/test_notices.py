@@ -26,7 +26,7 @@ def recipe(*changes):
 @pytest.mark.parametrize(
     ("changes", "begins"),
     [
-        ([{"camera.mount": {"model": "rigid"}}], "camera.mount has no effect on independent frames"),
+        ([{"camera.mount": {"model": "rigid"}}], "camera.mount is only stated in camera.toml"),
         ([{"camera.mount": {"model": "rigid"}}, HANGS, WIND, TRAIN], None),
         ([{"weather.wind_m_s": 9}], "weather.wind_m_s has no effect without rain, snow or dust"),
         ([{"weather.wind_m_s": 9, "weather.snow_mm_h": 1}], None),

@@ -58,6 +58,7 @@ def command(
         out = out or Path("runs") / scenario.name
     from simgrab.dataset.notices import notices
     from simgrab.dataset.pool import automatic
+    from simgrab.dataset.price import FEW
     from simgrab.dataset.render import render
     from simgrab.dataset.shards import frames_of
     from simgrab.dataset.summary import Summary, VideoSummary, doubts
@@ -97,7 +98,9 @@ def command(
     if resume and not quiet and not any(is_url(place) or Path(place).exists() for place in places):
         click.echo(printable(f"--resume: nothing is begun in {' or '.join(map(str, places))}; begins there"), err=True)
     with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
-        priced = None if quiet or as_json or cluster or resume else _print_price
+        priced = None if quiet or as_json or cluster or resume or scenario.frames < FEW else _print_price
+        if priced:
+            click.echo("estimating time and size, from a few frames", err=True)
         if out is not None:
             summary = render(
                 scenario, out, video=video, workers=workers, cluster=cluster, shard_frames=shard_frames,

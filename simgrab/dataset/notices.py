@@ -43,7 +43,10 @@ def _of_independent(recipe: Recipe) -> list[str]:
     scenario, lines = recipe.scenario, list[str]()
     assert isinstance(scenario.swing, Iid)
     if scenario.camera.mount != Camera().mount:
-        lines.append('camera.mount has no effect on independent frames (swing.model = "iid"): nothing moves the camera')
+        lines.append(
+            'camera.mount is only stated in camera.toml: in independent frames (swing.model = "iid") nothing moves the '
+            "camera"
+        )
     world = scenario.clip.clip_frames if recipe.varies else scenario.frames
     if scenario.swing.absent * min(world, scenario.frames) > 1:
         lines.append(

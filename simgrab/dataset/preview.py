@@ -46,10 +46,17 @@ def annotate(picture: NDArray[np.uint8], row: Row) -> NDArray[np.uint8]:
     for name, (u, v, seen) in zip(KEYPOINT_NAMES, np.reshape(row.keypoints, (-1, 3)), strict=True):
         if seen and name != "grab_centre":
             cv2.circle(tile, at((u, v), scale), 2, POINT if seen == 2 else HIDDEN_POINT, -1, cv2.LINE_AA)
+    return captioned(tile, caption(row))
+
+
+def caption(row: Row) -> str:
+    """State a frame's angles and rope, and how much of the grab neither things nor weather hide."""
+    name = f"#{row.frame} {row.split}"
+    if not row.present:
+        return f"{name}   no grab"
     angles = f"alpha {row.alpha_deg:.2f}  gamma {row.gamma_deg:.0f}  beta {row.beta_deg:.2f} deg"
-    return captioned(
-        tile, f"#{row.frame} {row.split}   {angles}   rope {row.rope_length_m:.1f} m   seen {row.visible_fraction:.0%}"
-    )
+    seen = row.visible_fraction * (1 - row.weather_hidden_fraction)
+    return f"{name}   {angles}   rope {row.rope_length_m:.1f} m   seen {seen:.0%}"
 
 
 def _draw_geometry(tile: NDArray[np.uint8], row: Row, scale: float) -> None:

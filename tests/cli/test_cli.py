@@ -398,7 +398,7 @@ def test_render_says_what_a_user_may_not_expect(tmp_path):
     assert status == 0
     assert "swing.rope_length_m: 4 of 4 draws were impossible and were clamped" in err
     assert 'draws each frame on its own (swing.model = "iid")' in err
-    assert "camera.mount has no effect" in err
+    assert "camera.mount is only stated" in err
 
 
 @pytest.mark.parametrize("shown", [True, False])

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,10 +13,10 @@ from simgrab.dataset.notices import notices
 from simgrab.errors import ScenarioError, SuiteError
 from simgrab.judge.check import suite
 from simgrab.match import data_sheets
-from simgrab.match.cli.new import GRABS, HEADS_M, PAINTS, WEATHERS
+from simgrab.match.cli.new import CARGOES, GRABS, HEADS_M, PAINTS, PITCH_DEG_PER_M, WEATHERS
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
-from simgrab.model.scenario import Hold
+from simgrab.model.scenario import Cargo, Hold, RigidMount
 from simgrab.world.extensions import Recipe
 from simgrab.world.scenery.clearance import check_camera
 from simgrab.world.scenery.meshes.jib import jib_steel
@@ -76,6 +77,29 @@ def test_a_fixed_scene_of_cycles_is_one_clip_that_shows_the_rope_length_if_asked
     assert scene.clip.count(scene.frames) == 1
     assert scene.display.layout == "two-by-four"
     assert run("new", tmp_path / "b.toml", "--yes", "--display", "three-by-four")[0] == 2
+
+
+def test_cargo_is_of_place_and_grab_alike(tmp_path):
+    assert get_args(Cargo) == CARGOES
+    for cargo, more in itertools.product(CARGOES, ((), ("--ropes", "20..40"))):
+        scene, _ = new(tmp_path / f"{cargo}{len(more)}.toml", "--cargo", cargo, *more)
+        assert isinstance(scene.place, Hold) == bool(more)
+        assert scene.place.cargo == scene.grab.cargo == cargo
+    status, _, problem = run("new", tmp_path / "a.toml", "--yes", "--cargo", "ore", "--place", "random")
+    assert (status, "--cargo: random places have cargo of each kind" in problem) == (2, True)
+
+
+def test_a_range_of_tilts_is_what_varies(tmp_path):
+    scene, out = new(tmp_path / "a.toml", "--tilt", "3..6")
+    assert scene.vary["camera.beta_deg"].support() == (3, 6)
+    assert (scene.camera.beta_deg, "within: 1.5 degrees of the tilt" in out) == (4.5, True)
+    assert run("new", tmp_path / "b.toml", "--yes", "--tilt", "3..6", "--fixed")[0] == 2
+
+
+def test_the_pitch_of_a_camera_that_luffing_tilts_is_stated(tmp_path):
+    scene, out = new(tmp_path / "a.toml", "--motion", "cycles", "--mount", "rigid", "--ropes", "8..18")
+    assert scene.camera.mount == RigidMount(pitch_deg_per_m=PITCH_DEG_PER_M)
+    assert f"pitches by {PITCH_DEG_PER_M:g} degrees for each metre" in out
 
 
 def test_a_lens_without_distortion_is_a_pinhole():

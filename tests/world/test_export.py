@@ -397,3 +397,9 @@ def test_a_sheet_shows_frames_from_all_over_a_dataset(frames):
     assert len(set(shown)) == len(shown) == min(frames, preview.MOST_TILES)
     assert shown[0] == 0
     assert max(np.diff([*shown, frames])) <= -(-frames // preview.MOST_TILES)
+
+
+def test_a_sheet_states_how_much_of_the_grab_things_and_weather_leave(source):
+    row = msgspec.structs.replace(source[0].truth, present=True, visible_fraction=0.8, weather_hidden_fraction=0.75)
+    assert preview.caption(row).endswith("   seen 20%")
+    assert preview.caption(msgspec.structs.replace(row, present=False)) == f"#{row.frame} {row.split}   no grab"

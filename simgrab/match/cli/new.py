@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 GRABS = ("four-rope", "clamshell", "orange-peel", "scissors")
+CARGOES = ("coal", "ore", "grain", "bauxite", "sulphur")
 # Light of sun and sky by day, and keys of the weather.
 WEATHERS: Mapping[str, tuple[float, float, Mapping[str, float]]] = {
     "clear": (1.0, 0.85, {}),
@@ -39,6 +40,7 @@ PAINTS = {
 FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S, DIG_S = 75, 25
+PITCH_DEG_PER_M = 2.0
 MOST_AROUND_M = 0.1  # how far each component of the offset may be off
 NEAR_ROPE_M = 0.2  # a rope that is nearer to the lens hides much of the view
 HEADS_M = 22, 60
@@ -55,13 +57,14 @@ ASKED = {
         "camera from the middle of the rope exits: to the picture's top (outboard), to its left, up, m",
         "0,0.6,-0.3",
     ),
-    "tilt": ("tilt of the camera from the vertical, degrees", "3"),
+    "tilt": ("tilt of the camera from the vertical, or least and greatest, degrees", "3"),
     "height": ("height of the jib head above the quay, {} to {} m".format(*HEADS_M), "28"),
     "ropes": ("shortest and longest rope, to the grab's centre, m", "8..22"),
     "grab": (f"{', '.join(GRABS)}, or the file of a 3-D model", "four-rope"),
     "scale": ("metres a unit of the 3-D model's file (none: by its size)", ""),
     "up": ("axis of the 3-D model's file that points up: x, y, z, with a sign, or auto, by its format", "auto"),
     "volume": ("volume of the grab, m³", "6"),
+    "cargo": (f"cargo of place and grab: {', '.join(CARGOES)}; random places have each", "coal"),
     "paint": (f"paint of the grab: {', '.join(PAINTS)}", "orange"),
     "mount": ("levelled (hangs by gravity), rigid (pitches with the jib) or fixed", "levelled"),
     "light": ("day, night, or both", "day"),
@@ -215,7 +218,7 @@ def _numbers(low: float, high: float, *counts: int) -> Callable[[str], tuple[flo
         except ValueError:
             values = ()
         if len(values) not in (counts or (1,)) or not all(low <= value <= high for value in values):
-            what = f"{' or '.join(map(str, counts))} numbers" if counts else "a number"
+            what = f"{' or '.join(map(str, counts))} numbers" if counts not in ((), (1,)) else "a number"
             raise ValueError(f"needs {what} from {low:g} to {high:g}, got {text!r}")
         return values
 
@@ -427,7 +430,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     (rate,) = answers.get("rate", _numbers(0.1, 120))
     x, y, z = offset = answers.get("offset", _numbers(-3, 3, 3))
     around = _around(answers, offset)
-    (tilt,) = answers.get("tilt", _numbers(0, 28))
+    tilts = answers.get("tilt", _numbers(0, 28, *((1,) if fixed else (1, 2))))
+    tilt, lean = sum(tilts) / len(tilts), abs(tilts[-1] - tilts[0]) / 2 if len(tilts) > 1 else 2
     (head,) = answers.get("height", _numbers(*HEADS_M))
     short, long = answers.get("ropes", _numbers(6, 45, 2))
     if short >= long:
@@ -439,11 +443,17 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     moods = list(itertools.product(lights, weathers))
     cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
     mount = answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0] if cycles or "mount" in answers else ""
+    if mount == "rigid" and cycles:
+        assume(f"rigid: pitches by {PITCH_DEG_PER_M:g} degrees for each metre of luffing; pitch_deg_per_m sets it")
     if mount and not cycles:
         warn("--mount: only stated in camera.toml, since nothing moves the camera in independent frames")
     anywhere = (not cycles or "place" in answers) and answers.get("place", _one_of("quay", "random")) == ["random"]
     if anywhere and (cycles or fixed):
         raise _refusal("place", f"random places are of independent frames{', which vary: leave out --fixed' * fixed}")
+    if anywhere and "cargo" in answers:
+        raise _refusal("cargo", "random places have cargo of each kind; leave it out, or give --place quay")
+    cargo = "" if anywhere else answers.get("cargo", _one_of(*CARGOES))[0]
+    grab += f'\ncargo = "{cargo}"' * bool(cargo)
     swing = f'rope_length_m = {{ dist = "uniform", low = {short:g}, high = {long:g} }}\nclamp = true'
     swing += "\nalpha = { sigma_deg = 2.0 } # size of the swing; far ones must not reach hopper or hatch"
     if cycles:
@@ -455,8 +465,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         assume(f"swing: standard deviation of 2 degrees{calm}; sigma_deg in [swing] sets it")
         assume("yaw: standard deviation of 12 degrees, as ropes turn the grab back; yaw_deg sets it")
         swing += '\nyaw_deg = { dist = "normal", mean = 0, sd = 12, low = -60, high = 60 } # about the ropes'
+    swing += "\nload = 0 # it holds none" * ('model = "mesh"' in grab and not cycles)
     if anywhere:
-        swing += "\nload = 0 # it holds none" * ('model = "mesh"' in grab)
         if long > head - 3:
             warn(f"--ropes: ropes are shortened where the grab would reach the ground, up to {long:g} m")
         assume(
@@ -465,9 +475,10 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         )
     elif long > head - 3 and not cycles:
         assume(f"place: an empty hold, because a grab on {long:g} m of rope reaches below the quay")
-        swing += '\n\n[place]\nmodel = "hold"\ndepth_m = 18.0\nfill = 0.0'
+        swing += f'\n\n[place]\nmodel = "hold"\ncargo = "{cargo}"\ndepth_m = 18.0\nfill = 0.0'
     else:
-        assume("place: a quay with coal; model and cargo in [place] set it")
+        assume("place: a quay; model in [place] sets it")
+        swing += f'\n\n[place]\ncargo = "{cargo}"'
     if not cycles and not anywhere:
         assume("every frame shows the grab; absent in [swing] leaves it out")
     if not anywhere:
@@ -476,8 +487,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         assume("the tilt leans outboard, and roll is 0; tilt_azimuth_deg and roll_deg in [camera] set it")
     else:
         assume(
-            f"within: 2 degrees of the tilt, in any direction, 3 of roll, {around:g} m of the offset, 1 % of the focal "
-            f"length, 0.5 m of the height{', 10 % of the volume' if volume else ''}; [vary] sets them"
+            f"within: {lean:g} degrees of the tilt, in any direction, 3 of roll, {around:g} m of the offset, 1 % of "
+            f"the focal length, 0.5 m of the height{', 10 % of the volume' if volume else ''}; [vary] sets them"
         )
     for weather in weathers:
         if keys := WEATHERS[weather][2]:
@@ -490,7 +501,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     inf = math.inf
     facts = {
         "camera.focal.focal_length_px": (f_px, 0.01 * f_px, 100, inf),
-        "camera.beta_deg": (tilt, 2, 0, 30),
+        "camera.beta_deg": (tilt, lean, 0, 30),
         "camera.tilt_azimuth_deg": (0, 180, -180, 180),
         "camera.roll_deg": (0, 3, -inf, inf),
         "camera.offset_x_m": (x, around, -3, 3),
@@ -511,6 +522,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     vary = f"\n[vary]{'' if fixed else ' # tolerances of these facts'}\n{varied.rstrip()}\n" if varied else ""
     again = f" # after which [vary] draws again{'' if cycles else '; more of them render faster, and vary less'}"
     clip = round(CYCLE_S * rate) if cycles else 8 if anywhere else 2
+    pitch = f", pitch_deg_per_m = {PITCH_DEG_PER_M:g}" if mount == "rigid" and cycles else ""
     name = printable(file.name)
     return f"""# Written by simgrab new. simgrab scenes show {name} prints every other key with its value.
 base = "{"training" if anywhere else "quay-day"}"
@@ -529,7 +541,7 @@ beta_deg = {tilt:g} # tilt from the vertical
 offset_x_m = {x:g} # from the rope exit: outboard
 offset_y_m = {y:g} # sideways
 offset_z_m = {z:g} # up
-{f'mount = {{ model = "{mount}" }}{chr(10)}' if mount else ""}
+{f'mount = {{ model = "{mount}"{pitch} }}{chr(10)}' if mount else ""}
 [jib]
 head_height_m = {head:g}
 
