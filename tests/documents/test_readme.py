@@ -4,6 +4,7 @@ import importlib.util
 import os
 import re
 import shlex
+import sys
 import tomllib
 from pathlib import Path
 
@@ -193,8 +194,12 @@ def test_the_page_on_own_pipelines_holds_instruments_that_measure(tmp_path):
     for block in blocks("python", OWN):
         names = {}
         exec(block, names)
+        if "COMMAND" in names:
+            lists = "import os, sys; [print(f'{name},2.5') for name in os.listdir(sys.argv[1]) if name.endswith('png')]"
+            names["COMMAND"][:] = [sys.executable, "-c", lists]
         instrument = names.get("mine", names.get("Mine"))()
         found.append([m.status for m in instrument(frames, camera)])
         if isinstance(instrument, TakesSensors) and not isinstance(instrument, Pipeline):
             found.append([m.status for m in instrument.with_sensors({"imu0": tmp_path})(frames, camera)])
-    assert found == [["ok", "lost"], ["refused", "refused"], ["ok", "lost"], ["missed", "lost"], ["missed", "lost"]]
+    measured, missed = ["ok", "lost"], ["missed", "lost"]
+    assert found == [measured, measured, ["refused", "refused"], measured, missed, missed]
