@@ -93,7 +93,6 @@ const section = (form, key, entries) => {
   const badge = make("span", { class: "badge" });
   const remove = make("button", { type: "button", class: "plain", "aria-label": `Remove ${key}`,
     title: `Leave [${key}] out of the file: all of its keys take their defaults` }, "Remove");
-  const add = make("button", { type: "button", class: "plain", "aria-label": `Add ${key}` }, "Add");
   const node = key ? entries[0][1] : {};
   remove.addEventListener("click", (event) => {
     event.preventDefault();
@@ -101,17 +100,12 @@ const section = (form, key, entries) => {
   });
   const help = make("p", { class: "help soft" }, key ? node.description : "Keys at the top of the file.");
   const element = make("details", { class: "section", open: key === "" || key === "camera" || key === "swing" },
-    make("summary", {}, make("h2", {}, key || "scene"), badge, key ? add : null, key ? remove : null),
+    make("summary", {}, make("h2", {}, key || "scene"), badge, key ? remove : null),
     make("div", { class: "inner" }, help, ...controls.map((one) => one.element)));
   if (key) {
     Object.assign(element.dataset, { key, text: `${key} ${node.description}` });
     element.append(make("p", { class: "error bad", hidden: true }));
   }
-  add.addEventListener("click", (event) => {
-    event.preventDefault();
-    element.open = true;
-    element.querySelector("input, select, button.add")?.focus();
-  });
   const update = () => {
     for (const one of controls) one.update();
     if (!key) return;
@@ -119,7 +113,6 @@ const section = (form, key, entries) => {
     element.classList.toggle("changed", changed);
     badge.textContent = changed ? "" : "not in the file";
     badge.hidden = changed;
-    add.hidden = changed;
     remove.hidden = !changed;
   };
   return { element, update };
