@@ -105,13 +105,11 @@ class Studio:
         asked, scenario = await self._asked(request)
         if not 0 <= asked.frame < scenario.frames:
             raise HTTPException(404)
-
-        def measured() -> dict[str, Any]:
-            return self._measuring.measure(
-                scenario, asked.frame, lambda number: self._rendering.stored(asked.side, Wish(scenario, number))
-            )
-
-        return json(await run_in_threadpool(measured))
+        found = await run_in_threadpool(
+            self._measuring.measure, scenario, asked.frame,
+            lambda number: self._rendering.stored(asked.side, Wish(scenario, number)),
+        )  # fmt: skip
+        return json(found)
 
     async def toml(self, request: Request) -> Response:
         """Give the scene as a file."""
