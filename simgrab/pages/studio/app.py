@@ -83,8 +83,8 @@ class Studio:
             for key, value in table.get("properties", {}).items():
                 value["unit"] = unit_of(key)
         return json({
-            "origin": printable(documents.origin), "scene": _plain(documents.start),
-            "default": _plain(Scenario()), "schema": whole, "scenes": list(map(printable, documents.names())),
+            "scene": _plain(documents.start), "default": _plain(Scenario()), "schema": whole,
+            "scenes": list(map(printable, documents.names())),
             "layouts": ["none", *layouts.names()], "root": printable(documents.root),
         })  # fmt: skip
 
