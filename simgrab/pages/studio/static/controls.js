@@ -161,13 +161,11 @@ const helps = (node, preset) => {
 
 const limitsOf = (node) => {
   const inner = kindOf(node) === "optional" ? present(node) : kindOf(node) === "tuple" ? node.prefixItems[0] : node;
-  const { low, high, above, below } = bounds(inner);
+  const { low, high, above } = bounds(inner);
   if (low !== undefined && high !== undefined && Math.abs(low) < 1e9 && Math.abs(high) <= 1e7)
-    return `${above ? "above " : ""}${low} to ${below ? "below " : ""}${high}`;
+    return `${above ? "above " : ""}${low} to ${high}`;
   if (low !== undefined && Math.abs(low) < 1e9) return `${above ? "above" : "at least"} ${low}`;
-  if (inner.type === "integer") return "a whole number";
-  if (inner.maxLength) return `at most ${inner.maxLength} characters`;
-  return "";
+  return inner.maxLength ? `at most ${inner.maxLength} characters` : "";
 };
 
 /** A control of several others, with a heading. */
@@ -446,7 +444,6 @@ const MAKERS = {
 const freshOptional = (node) => {
   const { low = 0, high } = bounds(node);
   if (kindOf(node) !== "number") return fresh(node);
-  if (!(high > 0)) return fresh(node);
   return low > 0 && high / low > 100 ? Number(Math.sqrt(low * high).toPrecision(1)) : (low + high) / 2;
 };
 
