@@ -208,11 +208,12 @@ def browse() -> None:
 def studio() -> None:
     """Take the picture of docs/studio.md: `simgrab studio` on a changed scene."""
     from simgrab.pages.studio import studio
+    from simgrab.pages.studio.documents import Documents
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "port.toml"
         path.write_text(simgrab.load("quay-day", EDITED, size=(960, 540)).to_toml(), encoding="utf-8")
-        with studio.serving(studio.open(path, folder)) as address, page() as shown:
+        with studio.serving(Documents(path, Path(folder))) as address, page() as shown:
             shown.look(1280, 1010)
             shown.open(address.url)
             shown.wait('document.querySelector("[data-side=a]")?.dataset.small === "false"')

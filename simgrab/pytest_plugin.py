@@ -48,9 +48,7 @@ class Record:
     @property
     def calibration(self) -> Calibration:
         """What an instrument may know of the camera: never its tilt."""
-        from simgrab.model import calibration
-
-        return calibration.load(self.dataset.path / "camera.toml")
+        return self.dataset.calibration
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -250,9 +250,6 @@ def test_set_gives_no_key_twice():
         for both in ([first, "vary.'a.b'=5"], ["vary.'a.b'=5", first]):
             with pytest.raises(ScenarioError, match=r"vary.*: --set gives it twice"):
                 scenes.parse_changes(both)
-    stated = scenes.parse_changes(["camera.beta_deg=20", "vary.'camera.beta_deg'={dist='uniform',low=1,high=3}"])
-    with pytest.raises(ScenarioError, match="the same call sets and varies"):
-        scenes.load("training", stated)
 
 
 @pytest.mark.parametrize(("statuses", "expected"), [("read,jump,", [12.0, np.nan, np.nan]), (",,", None)])

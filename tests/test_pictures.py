@@ -14,7 +14,7 @@ from PIL.TiffImagePlugin import AppendingTiffWriter
 from simgrab.errors import DatasetError, PictureError
 from simgrab.instrument.source import open_source
 from simgrab.io import photographs
-from simgrab.io.pictures import MOST_BYTES, MOST_PIXELS, MOST_SCANS, MOST_SIDE, bits, of, read
+from simgrab.io.pictures import MOST_BYTES, MOST_SCANS, MOST_SIDE, bits, of, read
 
 KINDS = (".jpg", ".png", ".bmp", ".tiff", ".webp")
 
@@ -185,11 +185,6 @@ def test_scans_of_a_jpeg_are_counted_before_it_is_decoded(tmp_path, monkeypatch)
     monkeypatch.setattr("PIL.ImageFile.ImageFile.load", None)
     more = data[:end] + data[last:end] * (MOST_SCANS - scans + 1) + data[end:]
     assert refused(tmp_path / "b.jpg", more) == f"it has more than {MOST_SCANS} scans"
-
-
-def test_a_camera_of_8k_fits():
-    assert MOST_PIXELS > 7680 * 4320
-    assert max(7680, 4320) < MOST_SIDE
 
 
 def test_what_is_no_file_or_too_long_is_refused(tmp_path):

@@ -75,6 +75,8 @@ def test_values_become_what_they_are_from_a_file():
     assert msgspec.json.encode(made) == msgspec.json.encode(read)
     assert type(made.inner.share) is float
     assert Outer(pair=np.array([1.0, 2.0])).pair == (1.0, 2.0)
+    with pytest.raises(ScenarioError, match=r"pair\.1: must be a finite number"):
+        Outer(pair=np.array([1.0, np.nan]))
 
 
 @pytest.mark.parametrize(

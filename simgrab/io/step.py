@@ -20,16 +20,12 @@ from simgrab.io.parse import Refuse, read_bytes
 
 MOST_SECONDS = 300.0
 MOST_MEMORY = 8 * 2**30
-"""Bytes; not limited on Windows."""
+"""Bytes."""
 _ANGLE = 0.35  # rad between neighbouring facets of a curved surface
 _CHILD = """
-import sys
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[4]),) * 2)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-except ImportError:
-    pass
+import resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[4]),) * 2)
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 import cascadio
 sys.exit(cascadio.step_to_glb(
     sys.argv[1], sys.argv[2], tol_linear=float(sys.argv[3]), tol_angular=float(sys.argv[5]), use_parallel=False

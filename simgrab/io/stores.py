@@ -60,19 +60,9 @@ class Store:
     drafts: str = ""
     refuse: Refuse = field(default=DatasetError, repr=False)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_cached"}
-
     @property
     def _opened(self) -> tuple[Any, str]:
-        """The file system and the path below it, opened by this process: a fork cannot use its parent's connection."""
-        process, system, base = self.__dict__.get("_cached", (0, None, ""))
-        if process != os.getpid():
-            system, base = self._open()
-            self.__dict__["_cached"] = os.getpid(), system, base
-        return system, base
-
-    def _open(self) -> tuple[Any, str]:
+        """The file system, of which fsspec keeps one for each process and thread, and the path below it."""
         import fsspec
 
         if self.folder is not None:

@@ -67,17 +67,24 @@ def convert(data: Any, kind: type[T], error: Callable[..., SimgrabError] = Scena
     file : str or path
         File of the data, with which the line begins.
     """
+    if not isinstance(data, Mapping):
+        raise _refusal(error, "", f"must be a table of keys and values, got {shown(data)}", str(file))
+    return _converted(data, kind, kind, error, str(file))
+
+
+def _converted(
+    data: Mapping[str, Any], kind: type[msgspec.Struct], to: type[T], error: Callable[..., SimgrabError], file: str = ""
+) -> T:
+    """Turn data of the fields of ``kind`` into ``to``, which has the same fields; see `convert`."""
     try:
-        if not isinstance(data, Mapping):
-            raise ScenarioError("", f"must be a table of keys and values, got {shown(data)}")
         if misfit := find_misfit(data, finite=True):
             raise ScenarioError(*misfit)
-        return msgspec.convert(_written_out(data, kind), kind)
+        return msgspec.convert(_written_out(data, kind), to)
     except ScenarioError as problem:
         key, text = problem.key, problem.problem
     except msgspec.ValidationError as problem:
         key, text = _read(problem, data, kind)
-    raise _refusal(error, key, text, str(file)) from None
+    raise _refusal(error, key, text, file) from None
 
 
 def _refusal(error: Callable[..., SimgrabError], key: str, text: str, file: str = "") -> SimgrabError:
@@ -91,19 +98,12 @@ def _fit(struct: Checked) -> None:
     fields = _fields(type(struct))
     if not fields:
         return
-    plain = {name: getattr(struct, name) for name in fields}
-    try:
-        if misfit := find_misfit(plain, finite=True):
-            raise ScenarioError(*misfit)
-        try:
-            fitted = msgspec.convert(_written_out(plain, type(struct)), _shadow(type(struct)))
-        except msgspec.ValidationError:  # NumPy's numbers and arrays are as good as Python's
-            plain = without_numpy(plain)
-            fitted = msgspec.convert(_written_out(plain, type(struct)), _shadow(type(struct)))
-    except msgspec.ValidationError as problem:
-        raise _refusal(struct.error, *_read(problem, plain, type(struct))) from None
-    except ScenarioError as problem:
-        raise _refusal(struct.error, problem.key, problem.problem) from None
+    fitted = _converted(
+        without_numpy({name: getattr(struct, name) for name in fields}),
+        type(struct),
+        _shadow(type(struct)),
+        struct.error,
+    )
     for name in fields:
         value = getattr(fitted, name)
         if value is not getattr(struct, name):

@@ -18,12 +18,6 @@ def box(row: Truth | Boxed) -> Array | None:
     return None if corners[0] is None else np.array(corners, float)
 
 
-def amodal_box(row: Truth) -> Array | None:
-    """Box x0, y0, x1, y1 of the whole silhouette, px; None if the lens shows no part of it."""
-    corners = (row.amodal_x0_px, row.amodal_y0_px, row.amodal_x1_px, row.amodal_y1_px)
-    return None if corners[0] is None else np.array(corners, float)
-
-
 def pose(values: tuple[float, ...]) -> Pose:
     """Make a pose from the 12 values of a column."""
     return Pose.from_matrix(np.reshape(values, (3, 4)))
@@ -85,7 +79,9 @@ class Labelled:
     @property
     def amodal_box(self) -> Array | None:
         """Box of the whole silhouette, hidden parts included, px, shape (4,); None if the lens shows no part of it."""
-        return amodal_box(self.truth)
+        row = self.truth
+        corners = (row.amodal_x0_px, row.amodal_y0_px, row.amodal_x1_px, row.amodal_y1_px)
+        return None if corners[0] is None else np.array(corners, float)
 
     @property
     def keypoints(self) -> Array:

@@ -12,12 +12,12 @@ from typing import Any
 import msgspec
 
 from simgrab.errors import ScenarioError
-from simgrab.io import fonts, models, photographs, resources
+from simgrab.io import models, photographs, resources
 from simgrab.io.models import ModelFile, copied
 from simgrab.io.parse import MOST_LEVELS, Refuse, find_misfit, parse_value, read_json, read_toml, shown
 from simgrab.io.resources import SCENES
 from simgrab.io.strict import convert, without_numpy
-from simgrab.model.scenario import Scenario, merged, vary
+from simgrab.model.scenario import FontFile, Mesh, Photo, Scenario, merged, vary
 from simgrab.model.scenario import resized as resized
 from simgrab.model.scenario.factor import JOINT
 
@@ -167,7 +167,7 @@ def _named(scene: Path, table: Mapping[str, Any], refuse: Refuse, within: Path |
     return file
 
 
-_READERS: dict[str, ModuleType] = {"mesh": models, "photo": photographs, "file": fonts}
+_READERS: dict[str, ModuleType] = {str(kind.__struct_config__.tag): kind.reader for kind in (Mesh, Photo, FontFile)}
 """Modules that read the file of a table, by its ``model``."""
 
 

@@ -157,10 +157,6 @@ class Intrinsics:
         ray = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
         return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
 
-    def undistorted_centres(self) -> Array:
-        """Ideal pixels of all pixels' centres, shape (height, width, 2); NaN beyond the fold of the lens."""
-        return self._to_pixels(_normalised_centres(self))
-
     def normalised_centres(self) -> Array:
         """Undistorted (x, y) at unit depth of all pixels' centres, shape (height, width, 2); NaN beyond the fold."""
         return _normalised_centres(self)

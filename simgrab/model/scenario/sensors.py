@@ -68,45 +68,30 @@ class ImuNoise(Strict, frozen=True):
     clock_drift_ppm: ClockDrift = 0.0
 
 
-# Sources of the figures: docs/sensors.md.
-NO_NOISE = ImuNoise()
-ADIS16448 = ImuNoise(
-    gyroscope_noise_density=1.6968e-4,
-    gyroscope_random_walk=1.9393e-5,
-    gyroscope_bias_deg_s=0.5,
-    gyroscope_scale_error=0.003,
-    gyroscope_misalignment_deg=0.2,
-    gyroscope_range_deg_s=1000.0,
-    gyroscope_resolution_deg_s=0.04,
-    accelerometer_noise_density=2.0e-3,
-    accelerometer_random_walk=3.0e-3,
-    accelerometer_bias_m_s2=0.196,
-    accelerometer_scale_error=0.003,
-    accelerometer_misalignment_deg=0.2,
-    accelerometer_range_m_s2=176.5,
-    accelerometer_resolution_m_s2=8.172e-3,
-    clock_offset_ms=1.0,
-    clock_drift_ppm=20.0,
-)
-MEMS = ImuNoise(
-    gyroscope_noise_density=8.727e-5,
-    gyroscope_random_walk=9.97e-7,
-    gyroscope_bias_deg_s=6.67,
-    gyroscope_scale_error=0.01,
-    gyroscope_misalignment_deg=0.38,
-    gyroscope_range_deg_s=250.0,
-    gyroscope_resolution_deg_s=7.63e-3,
-    accelerometer_noise_density=3.923e-3,
-    accelerometer_random_walk=1.248e-5,
-    accelerometer_bias_m_s2=0.163,
-    accelerometer_scale_error=0.01,
-    accelerometer_misalignment_deg=0.38,
-    accelerometer_range_m_s2=19.61,
-    accelerometer_resolution_m_s2=5.985e-4,
-    clock_offset_ms=5.0,
-    clock_drift_ppm=50.0,
-)
-IMU_CLASSES = {"adis16448": ADIS16448, "mems": MEMS, "none": NO_NOISE}
+# Of adis16448 and mems; sources: docs/sensors.md.
+_FIGURES = {
+    "gyroscope_noise_density": (1.6968e-4, 8.727e-5),
+    "gyroscope_random_walk": (1.9393e-5, 9.97e-7),
+    "gyroscope_bias_deg_s": (0.5, 6.67),
+    "gyroscope_scale_error": (0.003, 0.01),
+    "gyroscope_misalignment_deg": (0.2, 0.38),
+    "gyroscope_range_deg_s": (1000.0, 250.0),
+    "gyroscope_resolution_deg_s": (0.04, 7.63e-3),
+    "accelerometer_noise_density": (2.0e-3, 3.923e-3),
+    "accelerometer_random_walk": (3.0e-3, 1.248e-5),
+    "accelerometer_bias_m_s2": (0.196, 0.163),
+    "accelerometer_scale_error": (0.003, 0.01),
+    "accelerometer_misalignment_deg": (0.2, 0.38),
+    "accelerometer_range_m_s2": (176.5, 19.61),
+    "accelerometer_resolution_m_s2": (8.172e-3, 5.985e-4),
+    "clock_offset_ms": (1.0, 5.0),
+    "clock_drift_ppm": (20.0, 50.0),
+}
+IMU_CLASSES = {
+    "adis16448": ImuNoise(**{key: figure for key, (figure, _) in _FIGURES.items()}),
+    "mems": ImuNoise(**{key: figure for key, (_, figure) in _FIGURES.items()}),
+    "none": ImuNoise(),
+}
 
 
 class Imu(Tagged, frozen=True, kw_only=True, tag="imu"):

@@ -193,16 +193,14 @@ def laid_over(base: Mapping[str, Any], layer: Mapping[str, Any], tables: Iterabl
             raise ScenarioError(key, f"an empty table states nothing, and {below} varies; leave it out, or fill it")
     kinds = {key.rpartition(".")[0] for key in stated if key.endswith((".model", ".dist"))}
     fixed = {*stated, *kinds, *tables, *(part for name in own for part in name.split(JOINT))}
-    left, names = dict[str, Any](), dict[str, str]()
+    left = dict[str, Any]()
     for name, factor in factors.items():
         parts = name.split(JOINT)
         free = [part for part in parts if part not in fixed and not any(part.startswith(f"{key}.") for key in stated)]
         kept = [part for part in free if _fits(part, fixed, data, own)]
         if kept:
             left[JOINT.join(kept)] = factor if kept == parts else _only(kept, factor)
-            names[JOINT.join(kept)] = name
-    for name, factor in left.items():
-        _refuse_overwriting(stated, name, factor, data, names[name])
+            _refuse_overwriting(stated, JOINT.join(kept), left[JOINT.join(kept)], data, name)
     return data | {"vary": left | dict(own)}
 
 

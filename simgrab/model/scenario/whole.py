@@ -18,10 +18,9 @@ from simgrab.io import models
 from simgrab.model.distributions import AnyDistribution, Constant
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.layouts import Layout
-from simgrab.model.scenario.base import Meta, Strict, about
+from simgrab.model.scenario.base import Meta, OfFile, Strict, about
 from simgrab.model.scenario.camera import Camera
 from simgrab.model.scenario.factor import JOINT, Factor, OneOf
-from simgrab.model.scenario.font import FontFile
 from simgrab.model.scenario.grab import FourRope, Grab, Mesh
 from simgrab.model.scenario.markers import Markers
 from simgrab.model.scenario.optics import Optics
@@ -242,7 +241,7 @@ def _models(values: Iterable[Any]) -> Iterator[tuple[str, str]]:
     """Give name and SHA-256 of all models in tables, plain or not."""
     for value in values:
         match value:
-            case Mesh() | Photo() | FontFile():
+            case OfFile():
                 yield value.file, value.sha256
             case {"file": str(file), "sha256": str(sha256)}:
                 yield file, sha256

@@ -111,7 +111,7 @@ class Subject:
 _MEASURED = {"box": ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px"), "centre": ("u_px", "v_px")}
 
 
-def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | None = None) -> dict[str, Any]:
+def overlay(subject: Subject, row: int, outline: Sequence[Sequence[float]] | None) -> dict[str, Any]:
     """Give what is drawn on a row's picture, in its px, as plain data; the mask by its outline."""
     known = subject.row(row)
     width, height = (known.width_px, known.height_px) if known else subject.size_px or (16, 9)

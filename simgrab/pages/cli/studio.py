@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from simgrab.pages.cli._pages import page_options, show
@@ -18,7 +20,8 @@ def command(scene: str, port: int, no_open: bool) -> None:
     saved in the folder that the command is started in, or below it. Ctrl-C ends it.
     """
     from simgrab.pages.studio import studio
+    from simgrab.pages.studio.documents import Documents
 
-    documents = studio.open(scene)
+    documents = Documents(scene, Path())
     click.echo(printable(f"rendering the first frame of {scene} …"), err=True)
     show(scene, studio.serving(documents, port), opens=not no_open)

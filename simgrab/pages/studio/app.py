@@ -83,8 +83,8 @@ class Studio:
             for key, value in table.get("properties", {}).items():
                 value["unit"] = unit_of(key)
         return json({
-            "origin": printable(documents.origin), "scene": _plain(documents.start),
-            "default": _plain(Scenario()), "schema": whole, "scenes": list(map(printable, documents.names())),
+            "scene": _plain(documents.start), "default": _plain(Scenario()), "schema": whole,
+            "scenes": list(map(printable, documents.names())),
             "layouts": ["none", *layouts.names()], "root": printable(documents.root),
         })  # fmt: skip
 
@@ -105,13 +105,11 @@ class Studio:
         asked, scenario = await self._asked(request)
         if not 0 <= asked.frame < scenario.frames:
             raise HTTPException(404)
-
-        def measured() -> dict[str, Any]:
-            return self._measuring.measure(
-                scenario, asked.frame, lambda number: self._rendering.stored(asked.side, Wish(scenario, number))
-            )
-
-        return json(await run_in_threadpool(measured))
+        found = await run_in_threadpool(
+            self._measuring.measure, scenario, asked.frame,
+            lambda number: self._rendering.stored(asked.side, Wish(scenario, number)),
+        )  # fmt: skip
+        return json(found)
 
     async def toml(self, request: Request) -> Response:
         """Give the scene as a file."""

@@ -108,7 +108,4 @@ def _described(record: MeasuredRecord, index: int) -> dict[str, Any]:
         f"{name}_deg": None if plain[name] is None else math.degrees(plain[name])
         for name in ("alpha", "alpha_low", "alpha_high")
     }
-    return {name: plain[name] for name in _SHOWN} | angles | {"beta_deg": None if tilt is None else tilt.beta_deg}
-
-
-_SHOWN = ("status", "reason", "box", "score", "centre", "rope_text", "rope_status", "rope_length_m")
+    return plain | angles | {"beta_deg": None if tilt is None else tilt.beta_deg}

@@ -27,10 +27,6 @@ V = TypeVar("V")
 _LEAST_PX = 64
 _PREVIEW_QUALITY = 80
 _OUTLINE_WIDTH_PX = 960
-_VALUES = (
-    "alpha_deg", "gamma_deg", "beta_deg", "theta_deg", "m_px", "rope_length_m", "yaw_deg", "jaw_deg", "load",
-    "visible_fraction", "weather_hidden_fraction", "rope_text", "clock_text", "time_s", "present", "varied",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -68,7 +64,7 @@ class Rendering:
         Returns
         -------
         about : dict
-            Plain data: size, what is drawn on it, values of its truth, its clip.
+            For JSON: size, what is drawn on it, its truth, its clip.
         content : bytes
             A JPEG or PNG file: at full size, that of a dataset.
 
@@ -162,7 +158,7 @@ def _about(wish: Wish, frame: Frame) -> dict[str, Any]:
         "frame": wish.frame, "small": wish.small, "width": truth.width_px, "height": truth.height_px,
         "kind": f"image/{'jpeg' if wish.small else scenario.image.format}",
         "truth": marks(truth, outline(frame.mask, _OUTLINE_WIDTH_PX)) | _geometry(truth),
-        "values": {name: getattr(truth, name) for name in _VALUES},
+        "values": truth,
         "frames": scenario.frames, "clip": scenario.clip.of(wish.frame), "timed": not isinstance(scenario.swing, Iid),
     }  # fmt: skip
 

@@ -1,10 +1,9 @@
-"""Open a scene and serve the page that edits it."""
+"""Serve the page that edits a scene."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from pathlib import Path
 
 from simgrab.errors import ScenarioError
 from simgrab.pages.server import local
@@ -36,21 +35,3 @@ def serving(documents: Documents, port: int = 0) -> Iterator[Address]:
             yield address
     finally:
         rendering.end()
-
-
-def open(scene: str | Path = "quay-day", root: str | Path = ".") -> Documents:
-    """Open a scene to edit it.
-
-    Parameters
-    ----------
-    scene : str or Path
-        A bundled scene's name, a scene file, or a dataset's ``manifest.json``.
-    root : path
-        Folder below which the page opens and saves scenes.
-
-    Raises
-    ------
-    ScenarioError
-        If it cannot be read.
-    """
-    return Documents(scene, Path(root))

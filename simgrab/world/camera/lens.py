@@ -72,7 +72,7 @@ class Lens:
     def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
         self._full: Window = (0, 0, intrinsics.width_px, intrinsics.height_px)
-        self._ideal = intrinsics.undistorted_centres()
+        self._ideal = intrinsics.f_px * intrinsics.normalised_centres() + (intrinsics.cx_px, intrinsics.cy_px)
         self._whole = PictureMap(self._ideal)
         self.map = lru_cache(maxsize=1)(self._map)  # where the grab is in the picture, two are the same
 

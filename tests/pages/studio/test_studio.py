@@ -57,7 +57,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def documents(folder):
-    return studio.open(folder / "yard.toml", folder)
+    return Documents(folder / "yard.toml", folder)
 
 
 @pytest.fixture(scope="module")
@@ -263,10 +263,10 @@ def test_a_model_below_the_folder_is_read_and_saved_by_its_path(documents, folde
     assert scenes.load(documents.save(scenario, "elsewhere/own.toml", replace=True)) == scenario
     assert 'file = "../parts/box.stl"' in (folder / "elsewhere" / "own.toml").read_text()
     assert documents.open("elsewhere/own.toml") == scenario
-    started = studio.open(folder / "own.toml", folder)
+    started = Documents(folder / "own.toml", folder)
     assert started.parse(started.start.to_dict()) == started.start
     with pytest.raises(ScenarioError, match="of your own"):
-        studio.open("quay-day", folder).parse(scene)
+        Documents("quay-day", folder).parse(scene)
 
 
 def test_a_page_opens_no_scene_that_names_a_file_elsewhere(address, folder):
@@ -277,7 +277,7 @@ def test_a_page_opens_no_scene_that_names_a_file_elsewhere(address, folder):
         assert found.status == 422
         assert "outside of" in found.json["error"]
     scene.write_text(SMALL + '\n[grab]\nmodel = "mesh"\nfile = "../outside.stl"\n', "utf-8")
-    started = studio.open(scene, folder)  # which the user names
+    started = Documents(scene, folder)  # which the user names
     scene.unlink()
     assert started.start.grab.file == "outside.stl"
     assert 'file = "../outside.stl"' in started.toml(started.start)

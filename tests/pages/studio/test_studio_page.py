@@ -11,6 +11,7 @@ from simgrab.io.strict import convert
 from simgrab.model import scenes
 from simgrab.model.scenario import RandomPlace, Scenario, merged, schema
 from simgrab.pages.studio import studio
+from simgrab.pages.studio.documents import Documents
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 HOSTILE = "<img src=x onerror=document.title=1><script>document.title=2"
@@ -60,7 +61,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def shown(folder):
-    with studio.serving(studio.open(folder / "yard.toml", folder)) as address, page() as shown:
+    with studio.serving(Documents(folder / "yard.toml", folder)) as address, page() as shown:
         shown.look(1440, 1000)
         shown.open(address.url)
         shown.wait('document.body?.dataset.ready === "yes"')

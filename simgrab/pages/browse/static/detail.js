@@ -3,11 +3,7 @@
 import { askJson, byId, make, written } from "./dom.js";
 import { overlay } from "./overlay.js";
 
-const GROUPS = [
-  ["Errors", (name) => /(^|_)error_(deg|px|m)$/.test(name)],
-  ["Truth", (name) => name.startsWith("true_")],
-  ["Measured", () => true],
-];
+const groupOf = (name) => (/(^|_)error_(deg|px|m)$/.test(name) ? "Errors" : name.startsWith("true_") ? "Truth" : "Measured");
 
 export class Detail {
   constructor(summary) {
@@ -60,17 +56,12 @@ export class Detail {
   }
 
   tables(values) {
-    const left = this.summary.columns.map((column, i) => [column, values[i]]);
-    if (this.summary.kind !== "run") return [table("Everything that is known", left)];
-    return GROUPS.map(([title, belongs]) => {
-      const own = left.filter(([column]) => belongs(column.name));
-      for (const one of own) left.splice(left.indexOf(one), 1);
-      return own.length ? table(title, own) : null;
-    }).filter(Boolean).sort((a, b) => rank(a) - rank(b));
+    const all = this.summary.columns.map((column, i) => [column, values[i]]);
+    if (this.summary.kind !== "run") return [table("Everything that is known", all)];
+    return ["Errors", "Measured", "Truth"].map((title) => [title, all.filter(([column]) => groupOf(column.name) === title)])
+      .filter(([, own]) => own.length).map(([title, own]) => table(title, own));
   }
 }
-
-const rank = (made) => ["Errors", "Measured", "Truth"].indexOf(made.dataset.title);
 
 const table = (title, pairs) => {
   const rows = pairs.map(([column, value]) => make("tr", {},
@@ -78,7 +69,7 @@ const table = (title, pairs) => {
     make("td", { class: "soft unit" }, column.unit), make("td", { class: "soft about" }, column.description)));
   const head = make("tr", {}, ...["Column", "Value", "Unit", "What it is"].map((name, i) =>
     make("th", { scope: "col", class: ["", "", "unit", "about"][i] }, name)));
-  return make("section", { "data-title": title }, make("h3", {}, title),
+  return make("section", {}, make("h3", {}, title),
     make("div", { class: "scroll" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows))));
 };
 

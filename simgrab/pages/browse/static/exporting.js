@@ -14,7 +14,6 @@ export class Exporting {
     this.dialog = byId("exporting");
     byId("format").append(...formats.map((format) => make("option", { value: format }, NAMES[format])));
     byId("export-close").addEventListener("click", () => this.dialog.close());
-    byId("export-start").addEventListener("click", () => this.start());
     byId("export-form").addEventListener("submit", (event) => {
       event.preventDefault();
       this.start();
@@ -34,7 +33,6 @@ export class Exporting {
 
   async start() {
     const out = byId("out").value.trim();
-    if (!out) return say("Name a new folder.", true);
     const which = this.dialog.querySelector("input[name=which]:checked").value;
     const body = JSON.stringify({ rows: packed(this.rows(which)), out, format: byId("format").value });
     this.lock(true);

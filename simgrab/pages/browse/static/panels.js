@@ -81,15 +81,12 @@ const numbers = (column, panels) => {
     });
     const filter = table.filters.get(name);
     const at = (value) => Math.min(Math.max(((value - low) / (high - low || 1)) * WIDTH, 0), WIDTH);
+    if (document.activeElement !== from) from.value = Number.isFinite(filter?.from) ? filter.from : "";
+    if (document.activeElement !== to) to.value = Number.isFinite(filter?.to) ? filter.to : "";
     brush.toggleAttribute("hidden", !filter);
     if (filter) {
-      if (document.activeElement !== from) from.value = Number.isFinite(filter.from) ? filter.from : "";
-      if (document.activeElement !== to) to.value = Number.isFinite(filter.to) ? filter.to : "";
       brush.setAttribute("x", at(filter.from));
       brush.setAttribute("width", Math.max(at(filter.to) - at(filter.from), 1));
-    } else {
-      if (document.activeElement !== from) from.value = "";
-      if (document.activeElement !== to) to.value = "";
     }
     const sum = left.reduce((a, b) => a + b, 0);
     drawing.setAttribute("aria-label", `Histogram of ${name} from ${written(low)} to ${written(high)}: ${sum} frames`);

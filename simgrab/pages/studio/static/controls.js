@@ -93,7 +93,6 @@ const section = (form, key, entries) => {
   const badge = make("span", { class: "badge" });
   const remove = make("button", { type: "button", class: "plain", "aria-label": `Remove ${key}`,
     title: `Leave [${key}] out of the file: all of its keys take their defaults` }, "Remove");
-  const add = make("button", { type: "button", class: "plain", "aria-label": `Add ${key}` }, "Add");
   const node = key ? entries[0][1] : {};
   remove.addEventListener("click", (event) => {
     event.preventDefault();
@@ -101,17 +100,12 @@ const section = (form, key, entries) => {
   });
   const help = make("p", { class: "help soft" }, key ? node.description : "Keys at the top of the file.");
   const element = make("details", { class: "section", open: key === "" || key === "camera" || key === "swing" },
-    make("summary", {}, make("h2", {}, key || "scene"), badge, key ? add : null, key ? remove : null),
+    make("summary", {}, make("h2", {}, key || "scene"), badge, key ? remove : null),
     make("div", { class: "inner" }, help, ...controls.map((one) => one.element)));
   if (key) {
     Object.assign(element.dataset, { key, text: `${key} ${node.description}` });
     element.append(make("p", { class: "error bad", hidden: true }));
   }
-  add.addEventListener("click", (event) => {
-    event.preventDefault();
-    element.open = true;
-    element.querySelector("input, select, button.add")?.focus();
-  });
   const update = () => {
     for (const one of controls) one.update();
     if (!key) return;
@@ -119,7 +113,6 @@ const section = (form, key, entries) => {
     element.classList.toggle("changed", changed);
     badge.textContent = changed ? "" : "not in the file";
     badge.hidden = changed;
-    add.hidden = changed;
     remove.hidden = !changed;
   };
   return { element, update };
@@ -168,13 +161,11 @@ const helps = (node, preset) => {
 
 const limitsOf = (node) => {
   const inner = kindOf(node) === "optional" ? present(node) : kindOf(node) === "tuple" ? node.prefixItems[0] : node;
-  const { low, high, above, below } = bounds(inner);
+  const { low, high, above } = bounds(inner);
   if (low !== undefined && high !== undefined && Math.abs(low) < 1e9 && Math.abs(high) <= 1e7)
-    return `${above ? "above " : ""}${low} to ${below ? "below " : ""}${high}`;
+    return `${above ? "above " : ""}${low} to ${high}`;
   if (low !== undefined && Math.abs(low) < 1e9) return `${above ? "above" : "at least"} ${low}`;
-  if (inner.type === "integer") return "a whole number";
-  if (inner.maxLength) return `at most ${inner.maxLength} characters`;
-  return "";
+  return inner.maxLength ? `at most ${inner.maxLength} characters` : "";
 };
 
 /** A control of several others, with a heading. */
@@ -453,7 +444,6 @@ const MAKERS = {
 const freshOptional = (node) => {
   const { low = 0, high } = bounds(node);
   if (kindOf(node) !== "number") return fresh(node);
-  if (!(high > 0)) return fresh(node);
   return low > 0 && high / low > 100 ? Number(Math.sqrt(low * high).toPrecision(1)) : (low + high) / 2;
 };
 

@@ -15,8 +15,6 @@ export const resolved = (node) => {
   return { ...definitions[$ref.split("/").at(-1)], ...beside };
 };
 
-const isTable = (node) => node.$ref !== undefined || node.type === "object";
-
 /** Names among which a node's list chooses; the list may have other items too, or be given as true or false: all or none. */
 export const names = (node) => {
   const list = node.type === "array" ? node : node.anyOf?.find((one) => one.type === "array");
@@ -27,10 +25,7 @@ export const names = (node) => {
 export const kindOf = (node) => {
   if (node.discriminator) return "kinds";
   if (names(node)) return "several";
-  if (node.anyOf) {
-    if (node.anyOf.some((one) => one.type === "null")) return "optional";
-    return node.anyOf.every(isTable) ? "kinds" : "mixed";
-  }
+  if (node.anyOf) return node.anyOf.some((one) => one.type === "null") ? "optional" : "mixed";
   if (node.$ref) return kindOf(definitions[node.$ref.split("/").at(-1)]);
   if (node.enum) return "choice";
   if (node.type === "boolean") return "switch";
@@ -43,24 +38,18 @@ export const kindOf = (node) => {
 
 /** Tables that a node takes, by tag: [field of the tag, { tag: schema }]. */
 export const kinds = (node) => {
-  if (node.discriminator) {
-    const { propertyName, mapping } = node.discriminator;
-    return [propertyName, Object.fromEntries(Object.entries(mapping).map(([tag, $ref]) => [tag, resolved({ $ref })]))];
-  }
-  return ["", Object.fromEntries(node.anyOf.filter((one) => one.$ref).map((one) =>
-    [one.$ref.split("/").at(-1).toLowerCase(), resolved(one)]))];
+  const { propertyName, mapping } = node.discriminator;
+  return [propertyName, Object.fromEntries(Object.entries(mapping).map(([tag, $ref]) => [tag, resolved({ $ref })]))];
 };
 
 /** The part of a node that takes a value, where it may also have none. */
 export const present = (node) => {
   const { anyOf, ...beside } = node;
-  const parts = anyOf.filter((one) => one.type !== "null");
-  return parts.length === 1 ? { ...resolved(parts[0]), ...beside, default: undefined } : { ...beside, anyOf: parts };
+  return { ...resolved(anyOf.find((one) => one.type !== "null")), ...beside, default: undefined };
 };
 
 export const bounds = (node) => ({
-  low: node.minimum ?? node.exclusiveMinimum, high: node.maximum ?? node.exclusiveMaximum,
-  above: node.exclusiveMinimum !== undefined, below: node.exclusiveMaximum !== undefined,
+  low: node.minimum ?? node.exclusiveMinimum, high: node.maximum, above: node.exclusiveMinimum !== undefined,
 });
 
 /** A value to begin with. */
@@ -85,9 +74,8 @@ export const fresh = (node) => {
 
 const freshNumber = (node) => {
   const { low, high, above } = bounds(node);
-  if (low === undefined || low <= -1e9) return high === undefined || high >= 0 ? 0 : high;
-  if (!above) return low;
-  return high === undefined ? low + 1 : Math.min(low + 1, (low + high) / 2);
+  if (low === undefined || low <= -1e9) return 0;
+  return above ? Math.min(low + 1, (low + high) / 2) : low;
 };
 
 const freshTable = (table) => Object.fromEntries(Object.entries(table.properties)
@@ -97,8 +85,7 @@ const freshTable = (table) => Object.fromEntries(Object.entries(table.properties
 /** A new table of a kind; a distribution keeps about the values that the one before it had. */
 export const freshKind = (node, tag, before = null) => {
   const [field, tables] = kinds(node);
-  const table = freshTable(tables[tag]);
-  const made = field ? { [field]: tag, ...table } : table;
+  const made = { [field]: tag, ...freshTable(tables[tag]) };
   if (field !== "dist" || !before) return made;
   const { low, high, middle } = spread(before);
   const as = {
