@@ -74,17 +74,15 @@ class Diagnosis:
     cpu_features: dict[str, tuple[str, ...]]
     versions: dict[str, str]
 
-    @property
-    def healthy(self) -> bool:
-        """Whether frames can be drawn."""
-        return self.renderer is not None
-
 
 def examine() -> Diagnosis:
     """Open a small offscreen context, then the second renderer, and report."""
+    import mujoco
+
     renderer, problem = None, ""
     try:
-        renderer = _open_context()
+        with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):
+            renderer = gl.fingerprint()
     except RendererError as error:
         problem = str(error)
     second_renderer, second_problem = "", ""
@@ -138,10 +136,3 @@ def _openblas_kernels(package: ModuleType) -> Iterator[str]:
             if kernel := getattr(library, name, None):
                 kernel.restype = ctypes.c_char_p
                 yield kernel().decode()
-
-
-def _open_context() -> Fingerprint:
-    import mujoco
-
-    with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):
-        return gl.fingerprint()

@@ -17,7 +17,7 @@ from simgrab.dataset.pool import Workers, automatic, vetted
 from simgrab.dataset.render import render
 from simgrab.errors import DatasetError, RendererError
 from simgrab.io.destination import writing
-from simgrab.io.files import discard, locked, remove_left
+from simgrab.io.files import discard, locked, remove_left, sha256
 from simgrab.io.resources import ASSETS
 from simgrab.judge.doctor import examine
 from simgrab.model.scenario import Scenario
@@ -97,8 +97,7 @@ def _sound(folder: Path) -> bool:
         found = datasets.read(folder)
     except DatasetError:
         return False
-    digests = ((row.image_sha256, hashlib.sha256(found.image(row).read_bytes()).hexdigest()) for row in found.rows)
-    return all(written == read for written, read in digests)
+    return all(row.image_sha256 == sha256(found.image(row)) for row in found.rows)
 
 
 def _key(scenario: Scenario) -> str:

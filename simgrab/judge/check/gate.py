@@ -145,10 +145,11 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     for seed in several:  # the suite's own in every scene first: only that must meet the limits
         for name, found in trials.items():
             begun = time.perf_counter()
-            found.append(trial(_dataset(suite, name, seed, options), instrument))
-            if found[-1].problem:
-                failure = tuple(of_trial(name, found[-1], {}, None, 1))
-                return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
+            try:
+                found.append(trial(_dataset(suite, name, seed, options), instrument))
+            except InstrumentError as problem:
+                nothing = ("nothing was recorded",)
+                return Report(suite.name, instrument.name, seed, _failure(problem, name), nothing, scenes)
             one = judged(name, found[-1], suite.limits_of(name))
             beyond = [f"{v.what} {v.limit}" for v in one.verdicts if v.status == "failed"]
             first, notes = scenes.get(name, one), list[str]()
@@ -157,8 +158,8 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
             seconds = first.seconds + time.perf_counter() - begun
             scenes[name] = replace(first, seconds=seconds, notes=(*first.notes, *notes))
         if any(v.status == "failed" for scene in scenes.values() for v in scene.verdicts):
-            nothing = "nothing was recorded, because limits are not met: mend the cause, or change the limits"
-            return Report(suite.name, instrument.name, suite.seed, (), (nothing,), scenes)
+            nothing = ("nothing was recorded, because limits are not met: mend the cause, or change the limits",)
+            return Report(suite.name, instrument.name, suite.seed, (), nothing, scenes)
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
     return Report(suite.name, instrument.name, suite.seed, (), done + _few(len(several), suite), scenes)
@@ -192,8 +193,11 @@ def _foreign(suite: Suite, options: CheckOptions) -> bool:
 
 
 def _unmade(suite: Suite, options: CheckOptions, seed: int, problem: InstrumentError) -> Report:
-    failure = Verdict(scene="", what="instrument", status="failed", message=str(problem))
-    return Report(suite.name, printable(str(options.instrument or suite.instrument)), seed, (failure,))
+    return Report(suite.name, printable(str(options.instrument or suite.instrument)), seed, _failure(problem))
+
+
+def _failure(problem: InstrumentError, scene: str = "") -> tuple[Verdict, ...]:
+    return (Verdict(scene=scene, what="instrument", status="failed", message=str(problem)),)
 
 
 def _compared(
@@ -220,7 +224,10 @@ def _scene(
 ) -> Outcome:  # fmt: skip
     begun, limits, frames = time.perf_counter(), suite.limits_of(name), suite.scenes[name].golden
     dataset = _dataset(suite, name, seed, options)
-    found = judged(name, trial(dataset, instrument), limits, recorded, base.ends(suite))
+    try:
+        found = judged(name, trial(dataset, instrument), limits, recorded, base.ends(suite))
+    except InstrumentError as problem:
+        found = Outcome(_failure(problem, name), {}, 0.0)
     verdicts, notes, pictures = list(found.verdicts), list[str](), {}
     if blind := [v.what for v in verdicts if recorded and v.value is not None and v.reference is None]:
         why = "because the baseline has too few values"
@@ -255,10 +262,9 @@ def judged(
             f"{name}: warning: {without:.0f} of {found.metrics['frames.ok']:.0f} angles are of frames without a grab; "
             "set a limit on frames.without_grab"
         )
-    rope = np.zeros(1) if found.known is None else found.known.rope_length
+    rope, swing = found.known.rope_length, found.known.alpha[np.isfinite(found.known.alpha)]
     if np.nanmax(rope) - np.nanmin(rope) < LEAST_HOIST_M and any(v.what.startswith("reading.length") for v in verdicts):
         notes.append(f"{name}: warning: limits on reading.length test little, since the rope's length hardly changes")
-    swing = np.zeros(1) if found.known is None else found.known.alpha[np.isfinite(found.known.alpha)]
     if len(swing) > 1 and np.degrees(swing.std()) < HARDLY_SWINGS_DEG and any(v.constant is not None for v in verdicts):
         spread = f"standard deviation {np.degrees(swing.std()):.2f} deg"
         notes.append(

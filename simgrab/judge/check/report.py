@@ -48,7 +48,7 @@ class Outcome:
     notes : tuple of str
         Missing references, and limits that a constant answer meets.
     trial : Trial or None
-        What was measured, for the page.
+        What was measured, for the page; None if the instrument failed.
     limits : mapping of str to Limit
         By which the metrics were judged.
     """

@@ -207,10 +207,6 @@ class Suite(Checked, frozen=True):
             raise SuiteError(f"scenes.{name}.golden: there is no frame {beyond[0]}; the scene has {scenario.frames}")
         return scenario
 
-    def digest(self, name: str) -> str:
-        """Digest of a scene's scenario under the suite's own seed."""
-        return self.scenario(name).digest()
-
 
 def names() -> list[str]:
     """Names of the bundled suites."""
