@@ -96,13 +96,7 @@ def _stated(scenario: Scenario) -> dict[str, Any]:
 
 
 def load(folder: Path) -> Baseline | None:
-    """Read a baseline; None if nothing is recorded yet.
-
-    Raises
-    ------
-    SuiteError
-        If the file is not a baseline.
-    """
+    """Read a baseline, None if nothing is recorded yet; raises `SuiteError` for another file."""
     path = folder / FILE
     if not os.path.lexists(path):
         return None

@@ -42,24 +42,8 @@ def rendered(
     """Find a scenario's dataset in the cache, or render it there.
 
     A dataset is reused if scenario, renderer, packages and the rendering code are the same. It is rendered again if its
-    pictures no longer match its labels.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    where : Path
-        The cache.
-    workers : int
-        Worker processes, at most: no more than `simgrab.dataset.pool.automatic` chooses.
-    cluster : str, optional
-        Address of a Ray cluster that renders in their place.
-    progress : callable, optional
-        Called with (frames done, frames in all).
-
-    Raises
-    ------
-    ScenarioError, DatasetError, RendererError
-        As for `simgrab.dataset.render.render`.
+    pictures no longer match its labels. Options and errors are those of `simgrab.dataset.render.render`, but there are
+    no more workers than `simgrab.dataset.pool.automatic` chooses.
     """
     folder = _folder(scenario, where)
     with ExitStack() as stack:
@@ -76,12 +60,7 @@ def rendered(
 
 
 def check_possible(scenario: Scenario, where: Path) -> None:
-    """Refuse a scenario with an impossible frame, unless it was rendered before, or varies: that takes long.
-
-    Raises
-    ------
-    ScenarioError
-    """
+    """Refuse a scenario with an impossible frame (`ScenarioError`) if it was not rendered before and does not vary."""
     recipe = Recipe(scenario)
     if not (recipe.varies or (_folder(scenario, where) / MANIFEST).exists()):
         vetted(Workers(recipe))

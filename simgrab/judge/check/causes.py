@@ -35,13 +35,9 @@ class Cause(NamedTuple):
 
 
 def causes(
-    trial: Trial,
-    failed: Sequence[str],
-    *,
-    compared: bool = False,
-    steady: bool = False,
+    trial: Trial, failed: Sequence[str], *, compared: bool = False, steady: bool = False,
     meets: Callable[[Metrics], bool] = lambda _: True,
-) -> Iterator[Cause]:
+) -> Iterator[Cause]:  # fmt: skip
     """State what the errors of a scene consist of.
 
     Parameters

@@ -171,13 +171,7 @@ class Suite(Checked, frozen=True):
         return list(found)
 
     def scenario(self, name: str, seed: int | None = None) -> Scenario:
-        """Scenario of a scene, with the suite's seed or another.
-
-        Raises
-        ------
-        SuiteError
-            If there is no such scene, or a change is invalid.
-        """
+        """Scenario of a scene, with the suite's seed or another; raises `SuiteError` for an invalid change."""
         scene = self.scenes[name]
         changes = self.changes | scene.changes
         for key in OWN_KEYS:
@@ -214,17 +208,9 @@ def names() -> list[str]:
 
 
 def load(suite: str | Path) -> Suite:
-    """Read a suite, and check that each of its scenes is valid.
+    """Read a bundled suite by name, or a TOML file, and check that each of its scenes is valid.
 
-    Parameters
-    ----------
-    suite : str or path
-        A bundled suite's name, or a TOML file.
-
-    Raises
-    ------
-    SuiteError
-        With one line that names file and key.
+    Raises `SuiteError` with one line that names file and key.
     """
     path = resources.find(suite, FOLDER, "suite", "suites", SuiteError)
     found = _placed(convert(read_toml(path, SuiteError, "suite"), Suite, SuiteError, path), path.parent)
