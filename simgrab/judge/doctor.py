@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import os
 import platform
 import re
@@ -77,12 +78,9 @@ class Diagnosis:
 
 def examine() -> Diagnosis:
     """Open a small offscreen context, then the second renderer, and report."""
-    import mujoco
-
     renderer, problem = None, ""
     try:
-        with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):
-            renderer = gl.fingerprint()
+        renderer = fingerprint()
     except RendererError as error:
         problem = str(error)
     second_renderer, second_problem = "", ""
@@ -107,6 +105,15 @@ def examine() -> Diagnosis:
         cpu_features=cpu_features(),
         versions=versions,
     )
+
+
+@functools.cache
+def fingerprint() -> Fingerprint:
+    """Open a small offscreen context, and name its renderer; raises `RendererError` where none can be opened."""
+    import mujoco
+
+    with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):
+        return gl.fingerprint()
 
 
 def rasterizer(fingerprint: Fingerprint) -> Rasterizer | None:

@@ -15,11 +15,11 @@ from simgrab.dataset import datasets, manifest
 from simgrab.dataset.datasets import MANIFEST, Dataset
 from simgrab.dataset.pool import Workers, automatic, vetted
 from simgrab.dataset.render import render
-from simgrab.errors import DatasetError, RendererError
+from simgrab.errors import DatasetError
 from simgrab.io.destination import writing
 from simgrab.io.files import discard, locked, remove_left, sha256
 from simgrab.io.resources import ASSETS
-from simgrab.judge.doctor import examine
+from simgrab.judge.doctor import fingerprint
 from simgrab.model.scenario import Scenario
 from simgrab.world.extensions import Recipe
 
@@ -80,16 +80,8 @@ def _sound(folder: Path) -> bool:
 
 
 def _key(scenario: Scenario) -> str:
-    whole = [manifest.identity(scenario), _renderer(), _drawing_code()]
+    whole = [manifest.identity(scenario), fingerprint().digest, _drawing_code()]
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:20]
-
-
-@cache
-def _renderer() -> str:
-    found = examine()
-    if found.renderer is None:
-        raise RendererError(found.problem)
-    return found.renderer.digest
 
 
 def drawing_modules() -> list[Path]:

@@ -34,15 +34,9 @@ Metrics = Mapping[str, float | None]
 
 
 class Centre(NamedTuple):
-    """Centre that was output for a labelled frame.
+    """Centre that was output for a labelled frame, and its distance from the true one.
 
-    Attributes
-    ----------
-    frame : int
-    off_px : float
-        Its distance from the true one.
-    counted : bool
-        Whether figures on centres count it: its box, if any, is a true positive.
+    ``counted`` is whether figures on centres count it: its box, if any, is a true positive.
     """
 
     frame: int

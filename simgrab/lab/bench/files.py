@@ -117,20 +117,9 @@ def prepare(
 ) -> None:
     """Render a season's clips; run again, it goes on where it was interrupted.
 
-    Parameters
-    ----------
-    season : Season
-    folder : Path
-    workers : int, optional
-        Processes, each of which renders a clip at a time; as many as cores and memory allow unless given.
-    progress : callable, optional
-        Called with (clips done, clips in all).
-
-    Raises
-    ------
-    BenchError
-        If the folder holds another season or clips of another version, or cannot be written, or if a clip cannot have
-        the swing that its name promises.
+    There are as many processes, each of which renders a clip at a time, as cores and memory allow unless ``workers`` is
+    given. ``progress`` is called with (clips done, clips in all). Raises `BenchError` if the folder holds another
+    season or clips of another version, or cannot be written, or if a clip cannot have the swing that its name promises.
     """
     scenarios = [season.scenario(clip) for clip in season.clips]  # refuses a size or a length that no clip can have
     with locked_folder(folder, BenchError, who="simgrab bench"), writing(folder, BenchError):

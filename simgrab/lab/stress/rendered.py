@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgrab.dataset import preview
-from simgrab.errors import RendererError, SimgrabError, StressError
+from simgrab.errors import SimgrabError, StressError
 from simgrab.io.pictures import encode
 from simgrab.io.resources import ASSETS
 from simgrab.lab.stress import estimators, study, swings
@@ -115,15 +115,12 @@ def show(scenario: Scenario, seed: int, trial: int) -> tuple[Records, Picture]:
 
 def made_with() -> str:
     """Name renderer, detector and reader, by digests."""
-    from simgrab.judge.doctor import examine
+    from simgrab.judge.doctor import fingerprint
 
-    found = examine()
-    if found.renderer is None:
-        raise RendererError(found.problem)
     weights = hashlib.sha256()
     for path in sorted((ASSETS / "weights").glob("*.onnx")):
         weights.update(path.read_bytes())
-    return f"renderer {found.renderer.digest}, weights {weights.hexdigest()[:16]}"
+    return f"renderer {fingerprint().digest}, weights {weights.hexdigest()[:16]}"
 
 
 def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
