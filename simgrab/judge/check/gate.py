@@ -88,17 +88,13 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
         If the suite's frames cannot be made.
     """
     options, suite = options or CheckOptions(), suite if isinstance(suite, Suite) else load(suite)
-    check_folder(options.cache, SuiteError, "--cache")
     seed = suite.seed if options.seed is None else options.seed
-    try:
-        instrument = _instrument(suite, options)
-    except InstrumentError as problem:
-        return _unmade(suite, options, seed, problem)
+    if isinstance(instrument := _instrument(suite, options, seed), Report):
+        return instrument
     folder = options.baseline or Path(suite.baseline)
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
     if shares := suite.shares_of_counts():
         notes += (f"warning: limits between 0 and 1 on counts, which are no shares: {', '.join(shares)}",)
-    _check_possible(suite, seed, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
     labels = {name: scene.trial.dataset.data.labels_sha256 for name, scene in scenes.items() if scene.trial}
     if recorded and any(digest not in recorded.scenes[name].labels for name, digest in labels.items()):
@@ -133,12 +129,8 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     if _foreign(suite, options):
         raise SuiteError(f"{folder} is the baseline of {suite.instrument}; name another by --baseline")
     check_folder(folder, SuiteError, "--baseline")
-    check_folder(options.cache, SuiteError, "--cache")
-    try:
-        instrument = _instrument(suite, options)
-    except InstrumentError as problem:
-        return _unmade(suite, options, suite.seed, problem)
-    _check_possible(suite, suite.seed, options)
+    if isinstance(instrument := _instrument(suite, options, suite.seed), Report):
+        return instrument
     several = tuple(range(suite.seed, suite.seed + (seeds or suite.seeds)))
     scenes: dict[str, Outcome] = {}
     trials: dict[str, list[Trial]] = {name: [] for name in suite.scenes}
@@ -176,24 +168,22 @@ def _few(seeds: int, suite: Suite) -> tuple[str, ...]:
     )
 
 
-def _instrument(suite: Suite, options: CheckOptions) -> Instrument:
+def _instrument(suite: Suite, options: CheckOptions, seed: int) -> Instrument | Report:
+    """Make the instrument, or report why it cannot be made; refuse an impossible scene before the first is rendered."""
+    check_folder(options.cache, SuiteError, "--cache")
     chosen = suite.instrument if options.instrument is None else options.instrument
-    return open_instrument(chosen) if isinstance(chosen, str) else checked(chosen)
-
-
-def _check_possible(suite: Suite, seed: int, options: CheckOptions) -> None:
-    """Refuse a later scene that is impossible before the first one is rendered."""
+    try:
+        instrument = open_instrument(chosen) if isinstance(chosen, str) else checked(chosen)
+    except InstrumentError as problem:
+        return Report(suite.name, printable(str(chosen)), seed, _failure(problem))
     for name in list(suite.scenes)[1:]:
         cache.check_possible(suite.scenario(name, seed), options.cache)
+    return instrument
 
 
 def _foreign(suite: Suite, options: CheckOptions) -> bool:
     """Whether the baseline belongs to another instrument."""
     return options.instrument not in (None, suite.instrument) and options.baseline is None
-
-
-def _unmade(suite: Suite, options: CheckOptions, seed: int, problem: InstrumentError) -> Report:
-    return Report(suite.name, printable(str(options.instrument or suite.instrument)), seed, _failure(problem))
 
 
 def _failure(problem: InstrumentError, scene: str = "") -> tuple[Verdict, ...]:

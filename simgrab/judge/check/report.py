@@ -94,8 +94,15 @@ class Outcome:
 class Report:
     """Result of a check.
 
-    ``general`` has verdicts of the suite as a whole, ``of_suite`` notes on it: that there is no baseline, or what was
-    recorded.
+    Attributes
+    ----------
+    suite, instrument : str
+    seed : int
+    general : tuple of Verdict
+        Verdicts of the suite as a whole.
+    of_suite : tuple of str
+        Notes on the suite as a whole: that there is no baseline, or what was recorded.
+    scenes : mapping of str to Outcome
     """
 
     suite: str
