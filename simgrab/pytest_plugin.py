@@ -102,17 +102,17 @@ def simgrab_judge(
     """
     from simgrab.judge.check.gate import judged
     from simgrab.judge.check.report import Report
-    from simgrab.judge.check.trial import measured
+    from simgrab.judge.check.trial import trial
 
     limits = _limits(request.node.iter_markers(MARKER))
     settle, done = _settling(request), []
 
     def judge(instrument: Instrument, record: Record) -> Mapping[str, float | None]:
-        data, trial = record.dataset.data, measured(record.dataset, instrument)
-        done.append(trial)
-        scenes = {data.scenario: judged(data.scenario, trial, limits)}
+        data, found = record.dataset.data, trial(record.dataset, instrument)
+        done.append(found)
+        scenes = {data.scenario: judged(data.scenario, found, limits)}
         settle(Report(request.node.name, instrument.name, data.seed, scenes=scenes))
-        return trial.metrics
+        return found.metrics
 
     yield judge
     if limits and not done:

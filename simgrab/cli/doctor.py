@@ -48,4 +48,4 @@ def command(as_json: bool) -> None:
         for package, version in found.versions.items():
             if package not in deciding:
                 click.echo(f"{package:<24} {version}")
-    sys.exit(0 if found.healthy else 1)
+    sys.exit(0 if found.renderer else 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import os
 import platform
 import re
@@ -74,17 +75,12 @@ class Diagnosis:
     cpu_features: dict[str, tuple[str, ...]]
     versions: dict[str, str]
 
-    @property
-    def healthy(self) -> bool:
-        """Whether frames can be drawn."""
-        return self.renderer is not None
-
 
 def examine() -> Diagnosis:
     """Open a small offscreen context, then the second renderer, and report."""
     renderer, problem = None, ""
     try:
-        renderer = _open_context()
+        renderer = fingerprint()
     except RendererError as error:
         problem = str(error)
     second_renderer, second_problem = "", ""
@@ -109,6 +105,15 @@ def examine() -> Diagnosis:
         cpu_features=cpu_features(),
         versions=versions,
     )
+
+
+@functools.cache
+def fingerprint() -> Fingerprint:
+    """Open a small offscreen context, and name its renderer; raises `RendererError` where none can be opened."""
+    import mujoco
+
+    with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):
+        return gl.fingerprint()
 
 
 def rasterizer(fingerprint: Fingerprint) -> Rasterizer | None:
@@ -138,10 +143,3 @@ def _openblas_kernels(package: ModuleType) -> Iterator[str]:
             if kernel := getattr(library, name, None):
                 kernel.restype = ctypes.c_char_p
                 yield kernel().decode()
-
-
-def _open_context() -> Fingerprint:
-    import mujoco
-
-    with gl.offscreen(mujoco.MjSpec().compile(), 64, 64):
-        return gl.fingerprint()

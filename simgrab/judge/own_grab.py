@@ -6,7 +6,6 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import msgspec
@@ -32,9 +31,6 @@ from simgrab.world.scenery.grabs.from_file import PLATE_M, UNITS, ImportedModel,
 from simgrab.world.scenery.model import GRAB, ROPE, build
 from simgrab.world.scenery.plan import draw_up
 from simgrab.world.trajectory.moment import GrabState, Moment, Tilt
-
-if TYPE_CHECKING:
-    import mujoco
 
 USUAL_SIDES_M, USUAL_KG = (1.2, 7.0), (500.0, 40_000.0)
 MANY_FACES = 150_000
@@ -77,15 +73,7 @@ class Understood:
 def scene_of(file: str | Path, changes: dict[str, object] | None = None) -> Scenario:
     """Return a scene with a user's own grab, from a mesh file or from a scene file whose ``[grab]`` is one.
 
-    Parameters
-    ----------
-    file : str or Path
-    changes : dict, optional
-        Dotted keys to values, as for `simgrab.load`.
-
-    Raises
-    ------
-    ScenarioError
+    ``changes`` are dotted keys to values, as for `simgrab.load`. Raises `ScenarioError`.
     """
     path = Path(file)
     if path.suffix.lower() in (".toml", ".json"):
@@ -107,10 +95,7 @@ def grab_of(file: str | Path) -> Mesh:
 def check(scene: Scenario) -> Understood:
     """Read a scene's own grab, look for likely mistakes, and render it from all sides.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be a grab.
+    Raises `ScenarioError` if the file cannot be a grab.
     """
     keys = scene.grab
     assert isinstance(keys, Mesh)
@@ -124,10 +109,7 @@ def check(scene: Scenario) -> Understood:
 def likely_scale(file: str | Path) -> float:
     """Metres a unit as a model states it, or else by which its longest side is a grab's; 1 if none or several are.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read.
+    Raises `ScenarioError` if the file cannot be read.
     """
     grab = Mesh.of(file, scale=UNITS["millimetres"])
     _, reading = _read(grab)
@@ -148,13 +130,7 @@ def _sides(reading: ImportedModel) -> Array:
 
 
 def remarks(grab: Grab) -> list[str]:
-    """Return the size of a grab from a file, and doubts about its size and axes; empty for other grabs.
-
-    Parameters
-    ----------
-    grab : Grab
-        Read by `simgrab.load`.
-    """
+    """Return the size of a grab from a file, read by `simgrab.load`, and doubts about size and axes; else nothing."""
     if not isinstance(grab, Mesh):
         return []
     model, reading = _read(grab)
@@ -371,7 +347,7 @@ def turntable(scene: Scenario) -> NDArray[np.uint8]:
     views += [(25.0, -75.0, 0.0), (25.0, 30.0, 0.0)]
     if plan.grab.max_jaw:
         views += [(25.0, -18.0, 1.0), (115.0, -18.0, 1.0)]
-    tiles = []
+    tiles, view = [], mujoco.MjrRect(0, 0, _TILE, _TILE)
     world.model.vis.global_.offwidth = world.model.vis.global_.offheight = _TILE
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0
@@ -383,25 +359,15 @@ def turntable(scene: Scenario) -> NDArray[np.uint8]:
             camera = mujoco.MjvCamera()
             camera.lookat[:] = (0.0, 0.0, -_ROPE_M)
             camera.distance, camera.azimuth, camera.elevation = 1.45 * reach, azimuth, elevation
-            tiles.append(_drawn(world.model, data, camera, option, context.context))
+            drawn = mujoco.MjvScene(world.model, maxgeom=world.model.ngeom + 16)
+            mujoco.mjv_updateScene(world.model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, drawn)
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context.context)
+            mujoco.mjr_render(view, drawn, context.context)
+            picture, depth = np.empty((_TILE, _TILE, 3), np.uint8), np.empty((_TILE, _TILE), np.float32)
+            mujoco.mjr_readPixels(picture, depth, view, context.context)
+            picture[(depth <= 0.0) | (depth >= 1.0)] = 235  # nothing was drawn there, whichever end is far
+            framed = np.ascontiguousarray(picture[::-1])
+            tiles.append(cv2.rectangle(framed, (0, 0), (_TILE - 1, _TILE - 1), (200, 200, 200), 1))
     while len(tiles) % 4:
         tiles.append(np.full_like(tiles[0], 235))
     return np.concatenate([np.concatenate(tiles[i : i + 4], axis=1) for i in range(0, len(tiles), 4)])
-
-
-def _drawn(
-    model: mujoco.MjModel, data: mujoco.MjData, camera: mujoco.MjvCamera, option: mujoco.MjvOption,
-    context: mujoco.MjrContext,
-) -> NDArray[np.uint8]:  # fmt: skip
-    import mujoco
-
-    scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
-    mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
-    view = mujoco.MjrRect(0, 0, _TILE, _TILE)
-    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
-    mujoco.mjr_render(view, scene, context)
-    picture, depth = np.empty((_TILE, _TILE, 3), np.uint8), np.empty((_TILE, _TILE), np.float32)
-    mujoco.mjr_readPixels(picture, depth, view, context)
-    picture[(depth <= 0.0) | (depth >= 1.0)] = 235  # nothing was drawn there, whichever end is far
-    framed = np.ascontiguousarray(picture[::-1])
-    return cv2.rectangle(framed, (0, 0), (_TILE - 1, _TILE - 1), (200, 200, 200), 1)

@@ -30,15 +30,9 @@ def distance(steel: trimesh.Trimesh, point: Array) -> float:
 
 
 def doubts(keys: Mesh, made: Design, width_m: float) -> list[str]:
-    """Return possible mistakes in ``jaws`` and ``lips_m``, a sentence each.
+    """Return possible mistakes in ``jaws`` and ``lips_m``, a sentence each, of keys and the design made of them.
 
-    Parameters
-    ----------
-    keys : Mesh
-    made : Design
-        Of these keys.
-    width_m : float
-        Longest horizontal side of the closed grab.
+    ``width_m`` is the longest horizontal side of the closed grab.
     """
     bodies = {body.name: body for body in made.bodies}
     nodes = {"head": "the head"} | {f"jaw_{i}": shown(jaw.node) for i, jaw in enumerate(keys.jaws)}

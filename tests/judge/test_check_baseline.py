@@ -1,6 +1,6 @@
 """What chance does to a sound instrument stays within what a baseline allows; a fault of a few deviations does not."""
 
-import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from scipy import stats
 from simgrab.judge.check import baseline, verdicts
 from simgrab.judge.check.baseline import FALSE_FAILURES, Recorded, reference
 from simgrab.judge.check.suite import Limit, Suite, SuiteScene
-from simgrab.judge.check.trial import Trial
 
 
 def recorded(values, labels=None):
@@ -93,16 +92,11 @@ def test_both_ends_of_all_limits_share_the_chance():
 
 
 def test_a_metric_fails_by_its_limit_and_by_the_baseline_alike():
-    @dataclasses.dataclass
-    class Data:
-        labels_sha256: str = "labels 0"
-
-    @dataclasses.dataclass
-    class Set:
-        data: Data = dataclasses.field(default_factory=Data)
-
+    dataset = SimpleNamespace(data=SimpleNamespace(labels_sha256="labels 0"))
+    known = SimpleNamespace(alpha=np.zeros(1))
+    trial = SimpleNamespace(dataset=dataset, metrics={"rmse": 3.0}, known=known, centres=[])
     past = baseline.Baseline("s", "i", "0", (0,), {"x": recorded([1.0])})
-    (verdict,) = verdicts.of_trial("x", Trial(Set(), {"rmse": 3.0}), {"rmse": Limit(upper=2.0)}, past, 1)
+    (verdict,) = verdicts.of_trial("x", trial, {"rmse": Limit(upper=2.0)}, past, 1)
     assert verdict.status == "failed"
     assert "misses the limit ≤ 2" in verdict.message
     assert "worse than the baseline's 1 on the same frames" in verdict.message

@@ -14,20 +14,17 @@ from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
-import click
 import cv2
 import msgspec
 import numpy as np
 import pytest
 import tomli_w
-from answers import Answers
 from browser import needs_chromium, shown
-from click.testing import CliRunner
+from commands import run
 from faults import FAULTS, LongLens, sound
 from test_mistakes import leaning, tilt_of
 
 import simgrab
-from simgrab.cli import cli
 from simgrab.errors import ScenarioError, SuiteError
 from simgrab.instrument.alarm import events
 from simgrab.instrument.contract import Measurement
@@ -359,9 +356,9 @@ def test_an_impossible_scene_is_refused_before_another_is_rendered(tmp_path, mon
     deep = {"scene": "quay-day", "frames": 2, "changes": {"swing.rope_length_m": 27.9, "swing.clamp": False}}
     path = write(tmp_path, scenes={**SUITE["scenes"], "deep": deep})
     monkeypatch.setattr(gate.cache, "rendered", lambda *_args, **_options: pytest.fail("rendered"))
-    for run, given in ((gate.check, {"baseline": None}), (gate.record, {})):
+    for act, given in ((gate.check, {"baseline": None}), (gate.record, {})):
         with pytest.raises(ScenarioError, match="into the ground"):
-            run(suite.load(path), options(tmp_path, sound, **given))
+            act(suite.load(path), options(tmp_path, sound, **given))
 
 
 def test_a_wrong_tilt_is_named(place, tmp_path):
@@ -681,15 +678,15 @@ def raises(_):
     return 1 / 0
 
 
-@pytest.mark.parametrize(("act", "kind"), [(lambda _: None, "NoneType"), (lambda _: 3, "int")])
-def test_an_instrument_that_returns_no_list_is_reported_in_one_line(place, act, kind):
+NO_LIST = "broken: must return a list, one Measurement for each frame; got "
+
+
+@pytest.mark.parametrize(
+    ("act", "cause"), [(lambda _: None, f"{NO_LIST}NoneType"), (lambda _: 3, f"{NO_LIST}int"), (raises, "ZeroDivision")]
+)
+def test_an_instrument_that_breaks_is_a_failure_reported_in_one_line(place, act, cause):
     problem = failed(check(place, Broken(act), baseline=None))["instrument"]
-    assert problem == f"broken: must return a list, one Measurement for each frame; got {kind}"
-
-
-def test_an_instrument_that_breaks_is_a_failure_reported_in_one_line(place):
-    problem = failed(check(place, Broken(raises), baseline=None))["instrument"]
-    assert "ZeroDivisionError: division by zero" in problem
+    assert cause in problem
     assert "\n" not in problem
 
 
@@ -862,18 +859,12 @@ def shell(place, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(sys, "modules", {k: v for k, v in sys.modules.items() if k not in ("pipelines", "no_import")})
 
-    def run(*arguments, at=place / "small.toml"):
-        common = ("--cache", place / "cache", "--baseline", place / "baselines", "--out", tmp_path / "out")
-        result = CliRunner().invoke(cli, ["check", str(at), *map(str, (*common, *arguments))])
-        if result.exception and not isinstance(result.exception, SystemExit):
-            raise result.exception
-        return result.exit_code, result.stdout
-
-    return run
+    common = ("--cache", place / "cache", "--baseline", place / "baselines", "--out", tmp_path / "out")
+    return lambda *arguments, at=place / "small.toml": run("check", at, *common, *arguments)
 
 
 def test_the_command_passes_and_writes_json_and_junit(shell, tmp_path):
-    status, out = shell("--instrument", "pipelines:sound")
+    status, out, _ = shell("--instrument", "pipelines:sound")
     assert status == 0
     assert "passed" in out
     result = json.loads((tmp_path / "out" / "check.json").read_text())
@@ -886,13 +877,13 @@ def test_the_command_passes_and_writes_json_and_junit(shell, tmp_path):
     assert "<h1>Suite “small”: passed</h1>" in (tmp_path / "out" / "check.html").read_text()
 
 
-def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path, monkeypatch):
-    said, echo = [], click.echo
-    monkeypatch.setattr(click, "echo", lambda line, err=False: said.append(line) if err else echo(line))
-    record = ("--update-baseline", "--seeds", "1", "--baseline", tmp_path / "new", "--quiet")
-    assert shell("--instrument", "pipelines:sound", *record) == (0, "")
-    assert said[0] == f"recorded over 1 seed in {tmp_path / 'new'}"
-    assert all(": warning: " in line for line in said[1:])
+def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path):
+    record = ("--update-baseline", "--seeds", 1, "--baseline", tmp_path / "new", "--quiet")
+    status, out, said = shell("--instrument", "pipelines:sound", *record)
+    assert (status, out) == (0, "")
+    first, *others = said.splitlines()
+    assert first == f"recorded over 1 seed in {tmp_path / 'new'}"
+    assert all(": warning: " in line for line in others)
 
 
 def test_what_few_seeds_allow_is_said(place, tmp_path):
@@ -912,8 +903,7 @@ def test_no_result_of_an_earlier_check_remains_after_status_2(shell, tmp_path, f
     written = {"check.html", "check.json", "junit.xml"}
     assert shell("--instrument", "pipelines:sound")[0] == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == written
-    with pytest.raises(SuiteError):
-        shell("--baseline", tmp_path / "none", at=write(tmp_path, **flaw))
+    assert shell("--baseline", tmp_path / "none", at=write(tmp_path, **flaw))[0] == 2
     assert not list((tmp_path / "out").iterdir())
 
 
@@ -921,11 +911,10 @@ def test_no_result_of_an_earlier_check_remains_after_status_2(shell, tmp_path, f
 def test_no_result_remains_in_the_default_folder_of_a_suite_that_cannot_be_read(tmp_path):
     kept = tmp_path / "port.toml"
     write(tmp_path).rename(kept)
-    given = ["check", str(kept), "--instrument", "pipelines:fails"]
-    assert CliRunner().invoke(cli, given).exit_code == 1
+    assert run("check", kept, "--instrument", "pipelines:fails")[0] == 1
     assert (tmp_path / "runs" / "check-port" / "check.html").exists()
     kept.write_text("name = ")
-    assert isinstance(CliRunner().invoke(cli, given).exception, SuiteError)
+    assert run("check", kept, "--instrument", "pipelines:fails")[0] == 2
     assert not list(tmp_path.glob("runs/*/*"))
 
 
@@ -935,13 +924,12 @@ def test_files_that_no_check_wrote_remain(shell, tmp_path, result):
     texts = {"check.html": "mine", "junit.xml": "<testsuites/>"} | ({} if result is None else {"check.json": result})
     for name, text in texts.items():
         (tmp_path / "out" / name).write_text(text)
-    with pytest.raises(SuiteError):
-        shell(at="no-such-suite")
+    assert shell(at="no-such-suite")[0] == 2
     assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == texts
 
 
 def test_the_command_fails_with_status_1(shell, tmp_path):
-    status, out = shell("--instrument", "pipelines:shifted")
+    status, out, _ = shell("--instrument", "pipelines:shifted")
     assert status == 1
     assert "worse than the baseline" in out
     root = ElementTree.parse(tmp_path / "out" / "junit.xml").getroot()
@@ -966,13 +954,10 @@ def test_the_command_fails_with_status_1(shell, tmp_path):
         ("no_such_module.y:any", f" {Path.cwd()}, "),
         ("no_such_module:x", "no_such_module:x: cannot be imported"),  # to rich, ":x:" is an emoji
         ("pipelines", "package.module:factory"),
-        ("bundled", "weights"),
     ],
 )
 def test_an_instrument_that_cannot_be_had_is_a_failure(shell, tmp_path, name, cause):
-    if name == "bundled" and (Path(__file__).parents[2] / "assets" / "weights" / "coarse.onnx").exists():
-        pytest.skip("the detector's weights are bundled")
-    status, out = shell("--instrument", name, "--quiet")
+    status, out, _ = shell("--instrument", name, "--quiet")
     assert status == 1
     assert cause in out
     assert json.loads((tmp_path / "out" / "check.json").read_text())["status"] == "failed"
@@ -980,8 +965,7 @@ def test_an_instrument_that_cannot_be_had_is_a_failure(shell, tmp_path, name, ca
 
 def test_a_broken_suite_is_an_error_and_leaves_nothing(shell, tmp_path):
     bad = write(tmp_path, limts={})
-    with pytest.raises(SuiteError, match=r"limts: unknown key \(did you mean 'limits'"):
-        shell("--instrument", "pipelines:sound", at=bad)
+    assert "limts: unknown key (did you mean 'limits'" in shell("--instrument", "pipelines:sound", at=bad)[2]
     assert not (tmp_path / "out").exists()
 
 
@@ -1001,12 +985,6 @@ def test_names_of_figures_are_whole_in_a_log_of_80_columns(terminal, monkeypatch
     assert terminal or "0.1234 (12 of 16 frames)" in out  # a log has no width
     assert out.count("passed") == len(names) + 2
     assert "…" not in out
-
-
-def test_a_report_with_odd_texts_is_still_xml(tmp_path):
-    odd = report.Report("s", "i", 0, (report.Verdict(scene="", what="a<b", status="failed", message="\x00 <&\n"),))
-    report.save(odd, tmp_path, page.page(odd))
-    assert ElementTree.parse(tmp_path / report.JUNIT).find(".//failure").get("message") == "  <& "
 
 
 def test_a_cause_that_most_failed_scenes_have_in_common_is_stated_once(capsys):
@@ -1047,9 +1025,3 @@ def test_a_report_takes_away_its_own_pictures_alone(tmp_path):
     (tmp_path / "golden" / "baseline.json").write_text("{}")
     save(report.Report("s", "i", 0))
     assert [path.name for path in (tmp_path / "golden").iterdir()] == ["baseline.json"]
-
-
-def test_the_answers_hang_on_the_picture_alone(place):
-    answers = Answers(place / "cache")
-    with pytest.raises(KeyError):
-        answers[np.zeros((270, 480, 3), np.uint8)]

@@ -5,10 +5,9 @@ import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
+from commands import run
 from films import film
 
-from simgrab.cli import cli
 from simgrab.dataset import datasets
 from simgrab.dataset.tables import table_of
 from simgrab.errors import DatasetError, DetectorError, SourceError
@@ -193,10 +192,9 @@ def test_detections_are_kept_as_a_table(known, tmp_path):
     assert [row["file"] for row in table] == [str(known.image(row)) for row in known.rows]
     np.testing.assert_allclose([row["u_px"] for row in table], [row.grab_u_px for row in known.rows])
     detections.save(watched, tmp_path / "d.csv")
-    camera = str(known.path / "camera.toml")
     for name in ("d.csv", "d.parquet"):
-        result = CliRunner().invoke(cli, ["estimate", str(tmp_path / name), "--camera", camera])
-        assert result.exit_code == 0, result.output
+        status, _, problem = run("estimate", tmp_path / name, "--camera", known.path / "camera.toml")
+        assert status == 0, problem
 
 
 def test_a_picture_that_cannot_be_read_and_a_video_are_refused(known, tmp_path):

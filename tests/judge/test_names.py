@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
+from commands import run
 from conftest import SMALL, as_options, slow_but
 
-from simgrab.cli import cli
 from simgrab.instrument.run import runs
 from simgrab.model.calibration import Calibration
 
@@ -23,9 +22,9 @@ ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 def output_of(*arguments, status=0):
     """What a command prints."""
-    said = CliRunner().invoke(cli, [*map(str, arguments)])
-    assert said.exit_code == status, said.output
-    return said.stdout
+    ended, printed, problem = run(*arguments)
+    assert ended == status, problem
+    return printed
 
 
 def simgrab(*arguments, **env):

@@ -1,10 +1,12 @@
 """SwingBench: the clips of a season, the format of entries, and the scorer."""
 
+import contextlib
 import csv
 import json
 import math
 import re
 import shutil
+from types import SimpleNamespace
 
 import av
 import msgspec
@@ -28,6 +30,12 @@ from simgrab.model.records.observations import Detection, Reading
 from simgrab.runtime import processes
 from simgrab.world.extensions import Recipe
 from simgrab.world.sensors import record
+
+
+@pytest.fixture(autouse=True)
+def few_replications(monkeypatch):
+    """Intervals, of which no test here compares the ends, take long."""
+    monkeypatch.setattr("simgrab.lab.bench.score.REPLICATIONS", 2)
 
 
 def target(name="a", n=90, peak_deg=12.0, phase=0.0):
@@ -623,7 +631,10 @@ def test_a_hidden_season_keeps_its_secrets_when_it_is_continued(tmp_path):
         published(tmp_path)
 
 
-def test_a_season_of_too_few_frames_is_refused_before_any_clip_is_rendered(tmp_path):
+def test_a_season_of_too_few_frames_is_refused_before_any_clip_is_rendered(tmp_path, monkeypatch):
+    here = SimpleNamespace(map=lambda work, clips, name: map(work, clips))  # noqa: ARG005
+    monkeypatch.setattr(files, "Pool", lambda *_, **_options: contextlib.nullcontext(here))
+    monkeypatch.setattr(files, "MOST_ATTEMPTS", 1)
     with pytest.raises(BenchError, match="no such swing within 2 frames; some 480 are needed"):
-        files.prepare(Season("short", frames=2), tmp_path, workers=1)
+        files.prepare(Season("short", frames=2), tmp_path)
     assert not list(tmp_path.rglob("*.mp4"))

@@ -20,7 +20,7 @@ from simgrab.dataset.record import FrameRecord
 from simgrab.dataset.summary import Tally
 from simgrab.errors import DatasetError, PictureError, SimgrabError
 from simgrab.io import pictures
-from simgrab.io.files import is_visible
+from simgrab.io.files import is_visible, sha256
 from simgrab.io.parse import parse_json, read_json
 from simgrab.judge.audit import identities, silhouettes
 from simgrab.judge.audit.proof import Audit, Finding, Findings, Proof
@@ -162,9 +162,9 @@ def _manifest_proof(data: _Dataset) -> Proof:
         "not that of the other fields: one of them was changed",
     )  # fmt: skip
     for name, digest in files.items() if isinstance(files, dict) else ():
-        file = data.path / name
-        actual = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "missing"
-        found.expect(actual == digest, name, "missing" if actual == "missing" else "changed since it was written")
+        there = (data.path / name).is_file()
+        right = there and sha256(data.path / name) == digest
+        found.expect(right, name, "changed since it was written" if there else "missing")
     renderer = known.get("renderer")
     if isinstance(renderer, dict) and {"renderer", "version", "mujoco"} <= set(renderer):
         made_by = Fingerprint(

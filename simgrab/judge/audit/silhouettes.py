@@ -77,13 +77,7 @@ NONE = Difference(0.0, 1.0, 0.0)
 def compare(rows: Sequence[Truth], generator: FrameGenerator, tick: Iterable[None]) -> Proof:
     """Compare every row's amodal box, and the silhouette that MuJoCo renders, with the second renderer's.
 
-    Parameters
-    ----------
-    rows : sequence of Truth
-    generator : FrameGenerator
-        Generator of the dataset's scenario; its shapes are rendered, and MuJoCo's silhouettes come from it.
-    tick : iterable
-        Advanced once a row.
+    Shapes and MuJoCo's silhouettes are of the generator of the dataset's scenario; ``tick`` is advanced once a row.
     """
     found, worst = Findings(), NONE
     try:

@@ -86,22 +86,17 @@ def compose(suite: Suite, instrument: str, seeds: tuple[int, ...], trials: Mappi
     for name, of_scene in trials.items():
         metrics = {key: tuple(one.metrics.get(key) for one in of_scene) for key in suite.limits_of(name)}
         labels = tuple(one.dataset.data.labels_sha256 for one in of_scene)
-        scenes[name] = Recorded(suite.digest(name), labels, metrics, _stated(suite, name))
+        scenario = suite.scenario(name)
+        scenes[name] = Recorded(scenario.digest(), labels, metrics, _stated(scenario))
     return Baseline(suite.name, instrument, version(), seeds, scenes)
 
 
-def _stated(suite: Suite, name: str) -> dict[str, Any]:
-    return difference(Scenario().to_dict(), suite.scenario(name).to_dict())
+def _stated(scenario: Scenario) -> dict[str, Any]:
+    return difference(Scenario().to_dict(), scenario.to_dict())
 
 
 def load(folder: Path) -> Baseline | None:
-    """Read a baseline; None if nothing is recorded yet.
-
-    Raises
-    ------
-    SuiteError
-        If the file is not a baseline.
-    """
+    """Read a baseline, None if nothing is recorded yet; raises `SuiteError` for another file."""
     path = folder / FILE
     if not os.path.lexists(path):
         return None
@@ -124,15 +119,14 @@ def stale(baseline: Baseline, suite: Suite, instrument: str) -> list[str]:
         if then != now:
             reasons.append(f"recorded for the {what} {then!r}, and this is {now!r}")
     for name in suite.scenes:
-        recorded = baseline.scenes.get(name)
+        recorded, scenario, place = baseline.scenes.get(name), suite.scenario(name), f"scenes.{name}"
         if recorded is None:
-            reasons.append(f"scenes.{name} was not recorded")
-        elif recorded.digest != suite.digest(name):
-            place = f"scenes.{name}"
-            keys = differences({place: recorded.scenario}, {place: _stated(suite, name)})
+            reasons.append(f"{place} was not recorded")
+        elif recorded.digest != scenario.digest():
+            keys = differences({place: recorded.scenario}, {place: _stated(scenario)})
             reasons.append(f"{keys or f'a default of {place}'} was recorded with another value")
         elif missing := [key for key in suite.limits_of(name) if key not in recorded.metrics]:
-            reasons.append(f"scenes.{name}: {', '.join(missing)} was not recorded")
+            reasons.append(f"{place}: {', '.join(missing)} was not recorded")
     return reasons
 
 
@@ -160,15 +154,8 @@ class Reference(msgspec.Struct, frozen=True):
 def reference(recorded: Recorded, metric: str, limit: Limit, labels: str, comparisons: int) -> Reference | None:
     """Find the reference of a metric; None if nothing was recorded.
 
-    Parameters
-    ----------
-    recorded : Recorded
-    metric : str
-    limit : Limit
-    labels : str
-        Digest of the labels of the dataset that was measured now.
-    comparisons : int
-        Number of limits' ends that share the probability of a false failure.
+    ``labels`` is the digest of the labels of the dataset that was measured now, ``comparisons`` the number of limits'
+    ends that share the probability of a false failure.
     """
     values = recorded.metrics[metric]
     if labels in recorded.labels:

@@ -15,11 +15,11 @@ from simgrab.dataset import datasets, manifest
 from simgrab.dataset.datasets import MANIFEST, Dataset
 from simgrab.dataset.pool import Workers, automatic, vetted
 from simgrab.dataset.render import render
-from simgrab.errors import DatasetError, RendererError
+from simgrab.errors import DatasetError
 from simgrab.io.destination import writing
-from simgrab.io.files import discard, locked, remove_left
+from simgrab.io.files import discard, locked, remove_left, sha256
 from simgrab.io.resources import ASSETS
-from simgrab.judge.doctor import examine
+from simgrab.judge.doctor import fingerprint
 from simgrab.model.scenario import Scenario
 from simgrab.world.extensions import Recipe
 
@@ -42,24 +42,8 @@ def rendered(
     """Find a scenario's dataset in the cache, or render it there.
 
     A dataset is reused if scenario, renderer, packages and the rendering code are the same. It is rendered again if its
-    pictures no longer match its labels.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    where : Path
-        The cache.
-    workers : int
-        Worker processes, at most: no more than `simgrab.dataset.pool.automatic` chooses.
-    cluster : str, optional
-        Address of a Ray cluster that renders in their place.
-    progress : callable, optional
-        Called with (frames done, frames in all).
-
-    Raises
-    ------
-    ScenarioError, DatasetError, RendererError
-        As for `simgrab.dataset.render.render`.
+    pictures no longer match its labels. Options and errors are those of `simgrab.dataset.render.render`, but there are
+    no more workers than `simgrab.dataset.pool.automatic` chooses.
     """
     folder = _folder(scenario, where)
     with ExitStack() as stack:
@@ -76,12 +60,7 @@ def rendered(
 
 
 def check_possible(scenario: Scenario, where: Path) -> None:
-    """Refuse a scenario with an impossible frame, unless it was rendered before, or varies: that takes long.
-
-    Raises
-    ------
-    ScenarioError
-    """
+    """Refuse a scenario with an impossible frame (`ScenarioError`) if it was not rendered before and does not vary."""
     recipe = Recipe(scenario)
     if not (recipe.varies or (_folder(scenario, where) / MANIFEST).exists()):
         vetted(Workers(recipe))
@@ -97,21 +76,12 @@ def _sound(folder: Path) -> bool:
         found = datasets.read(folder)
     except DatasetError:
         return False
-    digests = ((row.image_sha256, hashlib.sha256(found.image(row).read_bytes()).hexdigest()) for row in found.rows)
-    return all(written == read for written, read in digests)
+    return all(row.image_sha256 == sha256(found.image(row)) for row in found.rows)
 
 
 def _key(scenario: Scenario) -> str:
-    whole = [manifest.identity(scenario), _renderer(), _drawing_code()]
+    whole = [manifest.identity(scenario), fingerprint().digest, _drawing_code()]
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:20]
-
-
-@cache
-def _renderer() -> str:
-    found = examine()
-    if found.renderer is None:
-        raise RendererError(found.problem)
-    return found.renderer.digest
 
 
 def drawing_modules() -> list[Path]:

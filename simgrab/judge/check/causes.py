@@ -35,14 +35,10 @@ class Cause(NamedTuple):
 
 
 def causes(
-    trial: Trial,
-    failed: Sequence[str],
-    *,
-    compared: bool = False,
-    steady: bool = False,
+    trial: Trial, failed: Sequence[str], *, compared: bool = False, steady: bool = False,
     meets: Callable[[Metrics], bool] = lambda _: True,
-) -> Iterator[Cause]:
-    """State what the errors of a scene consist of; nothing where the instrument failed.
+) -> Iterator[Cause]:  # fmt: skip
+    """State what the errors of a scene consist of.
 
     Parameters
     ----------
@@ -57,8 +53,6 @@ def causes(
     meets : callable
         Whether these would pass with other values of some metrics. A mistake is named only if they would without it.
     """
-    if trial.run is None or trial.known is None or trial.evaluation is None:
-        return
     run, known, true = trial.run, trial.known, trial.known.alpha
     failed = _mendable(failed, true, run, known, meets)
     if not failed:
@@ -260,10 +254,8 @@ def _of_stages(
 ) -> Iterator[str]:  # fmt: skip
     """Name the first stage of the pipeline that explains its RMSE of the angle: centre, tilt, or the rest."""
     later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
-    assert trial.known is not None
-    known = trial.known
+    known, budget = trial.known, trial.evaluation.budget
     centre_deg, tilt = np.rad2deg(_rms(swing_of(by_centres(run, known))[0] - known.alpha)), of_tilt(run, known)
-    budget = None if trial.evaluation is None else trial.evaluation.budget
     if trial.centres and centre_deg**2 > rmse**2 / 2 and not steady:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))
         which, rest = "the centre first", None if budget is None else budget.chain[-2].rmse_deg

@@ -88,17 +88,13 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
         If the suite's frames cannot be made.
     """
     options, suite = options or CheckOptions(), suite if isinstance(suite, Suite) else load(suite)
-    check_folder(options.cache, SuiteError, "--cache")
     seed = suite.seed if options.seed is None else options.seed
-    try:
-        instrument = _instrument(suite, options)
-    except InstrumentError as problem:
-        return _unmade(suite, options, seed, problem)
+    if isinstance(instrument := _instrument(suite, options, seed), Report):
+        return instrument
     folder = options.baseline or Path(suite.baseline)
     recorded, general, notes = _compared(suite, instrument.name, folder, options)
     if shares := suite.shares_of_counts():
         notes += (f"warning: limits between 0 and 1 on counts, which are no shares: {', '.join(shares)}",)
-    _check_possible(suite, seed, options)
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
     labels = {name: scene.trial.dataset.data.labels_sha256 for name, scene in scenes.items() if scene.trial}
     if recorded and any(digest not in recorded.scenes[name].labels for name, digest in labels.items()):
@@ -133,22 +129,19 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     if _foreign(suite, options):
         raise SuiteError(f"{folder} is the baseline of {suite.instrument}; name another by --baseline")
     check_folder(folder, SuiteError, "--baseline")
-    check_folder(options.cache, SuiteError, "--cache")
-    try:
-        instrument = _instrument(suite, options)
-    except InstrumentError as problem:
-        return _unmade(suite, options, suite.seed, problem)
-    _check_possible(suite, suite.seed, options)
+    if isinstance(instrument := _instrument(suite, options, suite.seed), Report):
+        return instrument
     several = tuple(range(suite.seed, suite.seed + (seeds or suite.seeds)))
     scenes: dict[str, Outcome] = {}
     trials: dict[str, list[Trial]] = {name: [] for name in suite.scenes}
     for seed in several:  # the suite's own in every scene first: only that must meet the limits
         for name, found in trials.items():
             begun = time.perf_counter()
-            found.append(trial(_dataset(suite, name, seed, options), instrument))
-            if found[-1].problem:
-                failure = tuple(of_trial(name, found[-1], {}, None, 1))
-                return Report(suite.name, instrument.name, seed, failure, ("nothing was recorded",), scenes)
+            try:
+                found.append(trial(_dataset(suite, name, seed, options), instrument))
+            except InstrumentError as problem:
+                nothing = ("nothing was recorded",)
+                return Report(suite.name, instrument.name, seed, _failure(problem, name), nothing, scenes)
             one = judged(name, found[-1], suite.limits_of(name))
             beyond = [f"{v.what} {v.limit}" for v in one.verdicts if v.status == "failed"]
             first, notes = scenes.get(name, one), list[str]()
@@ -157,8 +150,8 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
             seconds = first.seconds + time.perf_counter() - begun
             scenes[name] = replace(first, seconds=seconds, notes=(*first.notes, *notes))
         if any(v.status == "failed" for scene in scenes.values() for v in scene.verdicts):
-            nothing = "nothing was recorded, because limits are not met: mend the cause, or change the limits"
-            return Report(suite.name, instrument.name, suite.seed, (), (nothing,), scenes)
+            nothing = ("nothing was recorded, because limits are not met: mend the cause, or change the limits",)
+            return Report(suite.name, instrument.name, suite.seed, (), nothing, scenes)
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
     return Report(suite.name, instrument.name, suite.seed, (), done + _few(len(several), suite), scenes)
@@ -175,15 +168,17 @@ def _few(seeds: int, suite: Suite) -> tuple[str, ...]:
     )
 
 
-def _instrument(suite: Suite, options: CheckOptions) -> Instrument:
+def _instrument(suite: Suite, options: CheckOptions, seed: int) -> Instrument | Report:
+    """Make the instrument, or report why it cannot be made; refuse an impossible scene before the first is rendered."""
+    check_folder(options.cache, SuiteError, "--cache")
     chosen = suite.instrument if options.instrument is None else options.instrument
-    return open_instrument(chosen) if isinstance(chosen, str) else checked(chosen)
-
-
-def _check_possible(suite: Suite, seed: int, options: CheckOptions) -> None:
-    """Refuse a later scene that is impossible before the first one is rendered."""
+    try:
+        instrument = open_instrument(chosen) if isinstance(chosen, str) else checked(chosen)
+    except InstrumentError as problem:
+        return Report(suite.name, printable(str(chosen)), seed, _failure(problem))
     for name in list(suite.scenes)[1:]:
         cache.check_possible(suite.scenario(name, seed), options.cache)
+    return instrument
 
 
 def _foreign(suite: Suite, options: CheckOptions) -> bool:
@@ -191,9 +186,8 @@ def _foreign(suite: Suite, options: CheckOptions) -> bool:
     return options.instrument not in (None, suite.instrument) and options.baseline is None
 
 
-def _unmade(suite: Suite, options: CheckOptions, seed: int, problem: InstrumentError) -> Report:
-    failure = Verdict(scene="", what="instrument", status="failed", message=str(problem))
-    return Report(suite.name, printable(str(options.instrument or suite.instrument)), seed, (failure,))
+def _failure(problem: InstrumentError, scene: str = "") -> tuple[Verdict, ...]:
+    return (Verdict(scene=scene, what="instrument", status="failed", message=str(problem)),)
 
 
 def _compared(
@@ -220,7 +214,10 @@ def _scene(
 ) -> Outcome:  # fmt: skip
     begun, limits, frames = time.perf_counter(), suite.limits_of(name), suite.scenes[name].golden
     dataset = _dataset(suite, name, seed, options)
-    found = judged(name, trial(dataset, instrument), limits, recorded, base.ends(suite))
+    try:
+        found = judged(name, trial(dataset, instrument), limits, recorded, base.ends(suite))
+    except InstrumentError as problem:
+        found = Outcome(_failure(problem, name), {}, 0.0)
     verdicts, notes, pictures = list(found.verdicts), list[str](), {}
     if blind := [v.what for v in verdicts if recorded and v.value is not None and v.reference is None]:
         why = "because the baseline has too few values"
@@ -255,10 +252,9 @@ def judged(
             f"{name}: warning: {without:.0f} of {found.metrics['frames.ok']:.0f} angles are of frames without a grab; "
             "set a limit on frames.without_grab"
         )
-    rope = np.zeros(1) if found.known is None else found.known.rope_length
+    rope, swing = found.known.rope_length, found.known.alpha[np.isfinite(found.known.alpha)]
     if np.nanmax(rope) - np.nanmin(rope) < LEAST_HOIST_M and any(v.what.startswith("reading.length") for v in verdicts):
         notes.append(f"{name}: warning: limits on reading.length test little, since the rope's length hardly changes")
-    swing = np.zeros(1) if found.known is None else found.known.alpha[np.isfinite(found.known.alpha)]
     if len(swing) > 1 and np.degrees(swing.std()) < HARDLY_SWINGS_DEG and any(v.constant is not None for v in verdicts):
         spread = f"standard deviation {np.degrees(swing.std()):.2f} deg"
         notes.append(

@@ -71,13 +71,7 @@ def keep(
 
 
 def load(folder: Path) -> dict[str, GoldenPicture]:
-    """Read the list of golden frames; empty if none was recorded yet.
-
-    Raises
-    ------
-    SuiteError
-        If the file is not such a list.
-    """
+    """Read the list of golden frames, empty if none was recorded yet; raises `SuiteError` for another file."""
     path = folder / FILE
     if not os.path.lexists(path):
         return {}
@@ -97,10 +91,7 @@ def look(name: str, frame: int, dataset: Dataset, folder: Path, least_ssim: floa
     difference : ndarray of uint8, shape (height, 3 width, 3), or None
         Golden picture, frame, and four times their difference, side by side, RGB; only if it failed.
 
-    Raises
-    ------
-    SuiteError
-        If the golden picture cannot be read.
+    Raises `SuiteError` if the golden picture cannot be read.
     """
 
     def verdict(status: Status, message: str, ssim: float | None = None) -> Verdict:

@@ -58,7 +58,7 @@ def page(report: Report) -> str:
 
 def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
     trial = outcome.trial
-    budget = trial.evaluation["budget"] if trial and trial.evaluation else None
+    budget = trial.evaluation["budget"] if trial else None
     return {
         "name": name,
         "anchor": anchor(name),
@@ -66,7 +66,7 @@ def _scene(name: str, outcome: Outcome) -> dict[str, Any]:
         "notes": outcome.notes,
         "causes": outcome.causes,
         "table": _table(outcome.verdicts),
-        "trace": trace(trial.run, trial.known) if trial and trial.run and trial.known else None,
+        "trace": trace(trial.run, trial.known) if trial else None,
         "stated": _stated(trial) if trial else "",
         "worst": list(_drawn(trial, outcome.worst)) if trial else [],
         "budget": None if budget is None else chain(budget),
@@ -79,7 +79,7 @@ def _stated(trial: Trial) -> str:
     share, found = trial.metrics.get("interval.share"), []
     if share is not None:
         found.append(f"The intervals cover the true angle in {share:.0%} of the frames that have one; 95 % is stated.")
-    if trial.run and trial.known and (tilt := of_tilt(trial.run, trial.known)):
+    if tilt := of_tilt(trial.run, trial.known):
         own, true = (f"{one.beta_deg:.2f}° with an azimuth of {one.tilt_azimuth_deg:.0f}°" for one in tilt[:2])
         found.append(f"The pipeline's tilt is {own}; the best constant one is {true}.")
     if (taken := trial.metrics.get(TIME)) is not None:

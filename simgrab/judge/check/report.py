@@ -48,7 +48,7 @@ class Outcome:
     notes : tuple of str
         Missing references, and limits that a constant answer meets.
     trial : Trial or None
-        What was measured, for the page.
+        What was measured, for the page; None if the instrument failed.
     limits : mapping of str to Limit
         By which the metrics were judged.
     """
@@ -213,12 +213,7 @@ def _printable(text: str) -> str:
 def save(report: Report, out: Path, page: str) -> None:
     """Write ``check.json``, ``check.html``, ``junit.xml`` and ``golden/``, each file whole or not at all.
 
-    ``page`` is what `simgrab.judge.check.page.page` makes of the report.
-
-    Raises
-    ------
-    SuiteError
-        If nothing can be written there.
+    ``page`` is what `simgrab.judge.check.page.page` makes of the report. Raises `SuiteError` if nothing can be written.
     """
     clear(out)
     with writing(out, SuiteError):
@@ -232,12 +227,8 @@ def save(report: Report, out: Path, page: str) -> None:
 def clear(out: Path) -> None:
     """Delete what an earlier check wrote, so that it is not taken for the result of one that ends early.
 
-    Files of other programs remain: nothing is deleted without the earlier check's ``check.json``.
-
-    Raises
-    ------
-    SuiteError
-        If something cannot be deleted.
+    Files of other programs remain: nothing is deleted without the earlier check's ``check.json``. Raises `SuiteError`
+    if something cannot be deleted.
     """
     with writing(out, SuiteError):
         for name in _earlier(out / RESULT):

@@ -171,13 +171,7 @@ class Suite(Checked, frozen=True):
         return list(found)
 
     def scenario(self, name: str, seed: int | None = None) -> Scenario:
-        """Scenario of a scene, with the suite's seed or another.
-
-        Raises
-        ------
-        SuiteError
-            If there is no such scene, or a change is invalid.
-        """
+        """Scenario of a scene, with the suite's seed or another; raises `SuiteError` for an invalid change."""
         scene = self.scenes[name]
         changes = self.changes | scene.changes
         for key in OWN_KEYS:
@@ -207,10 +201,6 @@ class Suite(Checked, frozen=True):
             raise SuiteError(f"scenes.{name}.golden: there is no frame {beyond[0]}; the scene has {scenario.frames}")
         return scenario
 
-    def digest(self, name: str) -> str:
-        """Digest of a scene's scenario under the suite's own seed."""
-        return self.scenario(name).digest()
-
 
 def names() -> list[str]:
     """Names of the bundled suites."""
@@ -218,17 +208,9 @@ def names() -> list[str]:
 
 
 def load(suite: str | Path) -> Suite:
-    """Read a suite, and check that each of its scenes is valid.
+    """Read a bundled suite by name, or a TOML file, and check that each of its scenes is valid.
 
-    Parameters
-    ----------
-    suite : str or path
-        A bundled suite's name, or a TOML file.
-
-    Raises
-    ------
-    SuiteError
-        With one line that names file and key.
+    Raises `SuiteError` with one line that names file and key.
     """
     path = resources.find(suite, FOLDER, "suite", "suites", SuiteError)
     found = _placed(convert(read_toml(path, SuiteError, "suite"), Suite, SuiteError, path), path.parent)

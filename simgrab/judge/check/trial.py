@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simgrab.dataset.datasets import Dataset
-from simgrab.errors import InstrumentError
 from simgrab.instrument.contract import Frame, Instrument
 from simgrab.instrument.detect.pictures import centre
 from simgrab.instrument.run.run import measure
@@ -35,15 +34,9 @@ Metrics = Mapping[str, float | None]
 
 
 class Centre(NamedTuple):
-    """Centre that was output for a labelled frame.
+    """Centre that was output for a labelled frame, and its distance from the true one.
 
-    Attributes
-    ----------
-    frame : int
-    off_px : float
-        Its distance from the true one.
-    counted : bool
-        Whether figures on centres count it: its box, if any, is a true positive.
+    ``counted`` is whether figures on centres count it: its box, if any, is a true positive.
     """
 
     frame: int
@@ -53,31 +46,26 @@ class Centre(NamedTuple):
 
 @dataclass(frozen=True)
 class Trial:
-    """Result of one scene.
+    """What an instrument measured of one scene.
 
     Attributes
     ----------
     dataset : Dataset
     metrics : mapping of str to float or None
-        Metrics by dotted name; None if there was nothing to count. Empty if the instrument failed.
-    problem : str
-        Why the instrument failed.
-    run, known, evaluation : Run, Truths and Evaluation, or None
-        What was measured, the truth of its frames, and both compared; None if the instrument failed.
+        Metrics by dotted name; None if there was nothing to count.
+    run, known, evaluation : Run, Truths and Evaluation
+        What was measured, the truth of its frames, and both compared.
     """
 
     dataset: Dataset
     metrics: Metrics
-    problem: str = ""
-    run: Run | None = None
-    known: Truths | None = None
-    evaluation: Evaluation | None = None
+    run: Run
+    known: Truths
+    evaluation: Evaluation
 
     @cached_property
     def centres(self) -> list[Centre]:
         """Centres, or centres of boxes, of the labelled frames."""
-        if self.run is None or self.known is None:
-            return []
         return [
             Centre(c.truth.frame, float(np.linalg.norm(centre(c.detection) - labels.centre(c.truth))), c.hits)
             for c in cases(self.run, self.known)
@@ -86,14 +74,6 @@ class Trial:
 
 
 def trial(dataset: Dataset, instrument: Instrument) -> Trial:
-    """Let an instrument measure a dataset, and evaluate; its failure is a result too."""
-    try:
-        return measured(dataset, instrument)
-    except InstrumentError as problem:
-        return Trial(dataset, {}, str(problem))
-
-
-def measured(dataset: Dataset, instrument: Instrument) -> Trial:
     """Let an instrument measure a dataset, and evaluate.
 
     Returns
@@ -117,7 +97,7 @@ def measured(dataset: Dataset, instrument: Instrument) -> Trial:
         found = evaluate(run, known)
     speed = run.about["speed"]
     metrics = flat(found.to_dict()) | {TIME: (speed["seconds"] - frames.seconds) / speed["frames"]}
-    return Trial(dataset, metrics, "", run, known, found)
+    return Trial(dataset, metrics, run, known, found)
 
 
 class _Timed:

@@ -68,20 +68,10 @@ def of_trial(
 ) -> list[Verdict]:
     """Judge a trial by limits, and by a baseline if there is one.
 
-    Parameters
-    ----------
-    scene : str
-        Its name in the suite.
-    trial : Trial
-    limits : mapping of str to Limit
-    recorded : Baseline or None
-    comparisons : int
-        See `simgrab.judge.check.baseline.reference`.
+    ``scene`` is its name in the suite; for ``comparisons`` see `simgrab.judge.check.baseline.reference`.
     """
-    if trial.problem:
-        return [Verdict(scene=scene, what="instrument", status="failed", message=trial.problem)]
     labels = trial.dataset.data.labels_sha256
-    naive_metrics = naive(trial.known, limits) if trial.known else {}
+    naive_metrics = naive(trial.known, limits)
     result = []
     for metric, limit in limits.items():
         past = base.reference(recorded.scenes[scene], metric, limit, labels, comparisons) if recorded else None
@@ -122,14 +112,10 @@ def leaves_out(trial: Trial, verdicts: Sequence[Verdict]) -> str:
     )
 
 
-def _frames(metric: str, trial: Trial) -> str:
-    counted, total = sum(c.counted for c in trial.centres), len(trial.centres)
-    return f"{counted} of {total} frames" if metric.startswith(_OF_CENTRES) and 0 < counted < total else ""
-
-
 def _of_metric(scene: str, metric: str, trial: Trial, limit: Limit, past: Reference | None) -> Verdict:
-    value = trial.metrics.get(metric)
-    problems = []
+    value, problems = trial.metrics.get(metric), []
+    counted, total = sum(c.counted for c in trial.centres), len(trial.centres)
+    partly = metric.startswith(_OF_CENTRES) and 0 < counted < total
     if value is None:
         problems.append(_nothing(metric, trial))
     else:
@@ -142,7 +128,7 @@ def _of_metric(scene: str, metric: str, trial: Trial, limit: Limit, past: Refere
     return Verdict(
         scene=scene, what=metric, status="failed" if problems else "passed", value=value, limit=str(limit),
         reference=past.value if past else None, allowed=past.allowed if past else None, message="; ".join(problems),
-        frames=_frames(metric, trial),
+        frames=f"{counted} of {total} frames" if partly else "",
     )  # fmt: skip
 
 
@@ -167,9 +153,8 @@ def _nothing(metric: str, trial: Trial) -> str:
         return "no value: no frame is reported beyond 10°"
     if wrong := unknown(metric):
         return wrong
-    measured = trial.run.measurements if trial.run else ()
     field = next((field for start, field in _FIELDS.items() if metric.startswith(start)), None)
-    if field and all(getattr(m, field) is None for m in measured):
+    if field and all(getattr(m, field) is None for m in trial.run.measurements):
         return f"no value: the instrument output no {field}"
     if metric.startswith("angle."):
         return "no value: no frame of that kind has a measured and a true angle"

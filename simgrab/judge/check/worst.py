@@ -40,8 +40,6 @@ def worst_frames(trial: Trial, verdicts: Sequence[Verdict]) -> Iterator[WorstFra
 
     Errors are those of the angle, and of the centre if a limit on it failed.
     """
-    if trial.run is None or trial.known is None:
-        return
     run, known = trial.run, trial.known
     errors = np.abs(run.alpha - known.alpha)
     worst = np.argsort(-errors)[: np.isfinite(errors).sum()]  # NaN comes last

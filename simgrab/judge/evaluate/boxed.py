@@ -23,15 +23,9 @@ FEWEST_VIDEOS = 6  # for an interval: resamples of fewer cannot cover 95 %
 
 
 def score(rows: Sequence[Boxed], detections: Sequence[Detection], *, resamples: int = RESAMPLES) -> dict[str, Any]:
-    """Score detections in frames whose boxes alone are known.
+    """Score detections, in the rows' order, in frames whose boxes alone are known.
 
-    Parameters
-    ----------
-    rows : sequence of Boxed
-    detections : sequence of Detection
-        In the rows' order.
-    resamples : int
-        Number of resamples of videos, for the interval of the precision.
+    The interval of the precision is of ``resamples`` resamples of videos.
 
     Returns
     -------

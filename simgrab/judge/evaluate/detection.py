@@ -61,13 +61,8 @@ class Boxes:
 class Case(Boxes):
     """One frame whose truth is known.
 
-    Attributes
-    ----------
-    weather : str
-    dataset : str
-        Name that separates its worlds from those of other datasets.
-    has_yaw : bool
-        Whether the grab looks the same after half a turn only: the tines of an orange-peel grab look alike.
+    The name of its dataset separates its worlds from those of other datasets. ``has_yaw`` is whether the grab looks the
+    same after half a turn only: the tines of an orange-peel grab look alike.
     """
 
     truth: Row

@@ -17,7 +17,7 @@ from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.reading import Read
 from simgrab.judge.evaluate.swings import HARDLY_SWINGS_DEG
 from simgrab.judge.evaluate.truths import Truths
-from simgrab.judge.evaluate.values import Evaluation, ReadingScore
+from simgrab.judge.evaluate.values import Evaluation, Provenance, ReadingScore
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 
@@ -47,12 +47,7 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
     run = run if isinstance(run, Run) else runs.load(run)
     known = known if isinstance(known, Truths) else truths.of(run, known, start_s)
     found = {
-        "run": {
-            "source": run.source,
-            "instrument": run.instrument,
-            "matched": known.matched,
-            "still": _still(known.alpha),
-        },
+        "run": Provenance(run.source, run.instrument, known.matched, _still(known.alpha)),
         "frames": {
             "all": len(run.measurements),
             "known": sum(r is not None for r in known.rows),
@@ -64,7 +59,9 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "angle": swings.angles(run.alpha, known.alpha, known.rope_length, known.weather),
         "interval": swings.coverage(run.ends, known.alpha),
         "alarm": None if run.time is None else swings.alarms(run.time, run.measurements, run.events, known.alpha),
-        "warning": _of_warning(run, known.alpha),
+        "warning": None
+        if run.time is None or all(m.warning is None for m in run.measurements)
+        else warnings.score(run.time, run.measurements, known.alpha),
         "budget": budget(run, known),
     }
     return msgspec.convert(found, Evaluation, from_attributes=True)
@@ -75,12 +72,6 @@ def _still(true: Array) -> str:
     if not len(known) or known.std() >= HARDLY_SWINGS_DEG:
         return ""
     return f"The grab hardly swings (standard deviation {known.std():.2f}°), so these errors say little."
-
-
-def _of_warning(run: Run, true: Array) -> dict[str, Any] | None:
-    if run.time is None or all(m.warning is None for m in run.measurements):
-        return None
-    return warnings.score(run.time, run.measurements, true)
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:

@@ -21,13 +21,9 @@ def clopper_pearson(count: int, of: int) -> tuple[float, float] | None:
 
 
 def standard_error(values: Array, groups: Sequence[Hashable]) -> float:
-    """Compute a mean's standard error for values correlated within groups, by their sums (Liang & Zeger 1986).
+    """Compute a mean's standard error for values (n,) correlated within n groups, by their sums (Liang & Zeger 1986).
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    groups : sequence of n hashables
-        Groups of the values. Values of a single group are taken as independent.
+    Values of a single group are taken as independent.
     """
     number = {group: i for i, group in enumerate(dict.fromkeys(groups))}
     which = np.array([number[group] for group in groups]) if len(number) > 1 else np.arange(len(values))

@@ -54,15 +54,9 @@ def share(count: int, of: int) -> Share:
 
 
 def score(reads: Sequence[Read], jumps: int, off_m: Array) -> ReadingScore:
-    """Score frames with a display, and errors of the rope's length.
+    """Score frames with a display, and absolute errors of the rope's length (n,), m.
 
-    Parameters
-    ----------
-    reads : sequence of Read
-    jumps : int
-        Readings that the hoist is too slow to have reached.
-    off_m : ndarray, shape (n,)
-        Absolute errors of the rope's length, m.
+    ``jumps`` are readings that the hoist is too slow to have reached.
     """
     whole, torn = [r for r in reads if not r.torn], [r for r in reads if r.torn]
     pairs = [pair for r in whole for pair in _pairs(r)]

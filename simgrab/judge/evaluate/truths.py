@@ -124,17 +124,9 @@ def _of_dataset(run: Run, path: Path) -> Truths:
 
 
 def match_names(run: Run, files: Sequence[str], labels_sha256: str, path: Path) -> list[int | None]:
-    """Find the frames of a run among the picture files of a dataset, by their names.
+    """Find the frames of a run among the picture files of a dataset, by the names that its labels have for them.
 
-    Parameters
-    ----------
-    run : Run
-    files : sequence of str
-        Picture files of the dataset, as its labels name them.
-    labels_sha256 : str
-        Digest of the dataset's labels.
-    path : Path
-        Folder of the dataset, for the message.
+    ``path`` is the dataset's folder, for messages.
 
     Returns
     -------

@@ -20,21 +20,9 @@ _AROUND = 3  # frames on each side that a measured turning point exceeds
 
 
 def score(times: Array, measurements: Sequence[Measurement], true: Array, rule: Rule = WARNING) -> dict[str, Any]:
-    """Compare forecasts of a record with its true swings (n,), rad.
+    """Compare forecasts at times (n,), s, with the true swings (n,), rad, NaN where they are not known.
 
-    Parameters
-    ----------
-    times : ndarray, shape (n,)
-    measurements : sequence of n Measurement
-    true : ndarray, shape (n,)
-        NaN where it is not known.
-    rule : Rule
-        Of the warnings.
-
-    Returns
-    -------
-    dict
-        As `simgrab.judge.evaluate.values.Warnings`.
+    ``rule`` is that of the warnings. Returns the fields of `simgrab.judge.evaluate.values.Warnings`.
     """
     raised = [msgspec.structs.replace(w, end_s=w.end_s + HORIZON_S) for w in events(times, measurements, rule, warning)]
     sure = [e for e in true_events(times, true) if e.alpha > SURELY]

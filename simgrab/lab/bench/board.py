@@ -40,18 +40,14 @@ NOTE = (
 )
 
 
-def rows(scores: Sequence[EntryScore]) -> list[tuple[str, ...]]:
-    """Rows of text under `HEAD`, the entries first and then those that test the scorer."""
-    return [_row(one) for one in scores]
-
-
 def brief(scores: Sequence[EntryScore]) -> list[tuple[str, ...]]:
     """Rows of the columns of `BRIEF`, without intervals, for a terminal of 80 columns."""
     places = [HEAD.index(name) for name in BRIEF]
-    return [tuple(row[i] if i < 2 else row[i].partition(" (")[0] for i in places) for row in rows(scores)]
+    return [tuple(row[i] if i < 2 else row[i].partition(" (")[0] for i in places) for row in map(_row, scores)]
 
 
 def _row(one: EntryScore) -> tuple[str, ...]:
+    """Text under `HEAD`."""
     text = {name: _text(one.figures[name], *how) for name, how in _FIGURES.items()}
     missed = f"{text.pop('alarms_missed')} of {text.pop('alarms_due')}"
     cells = list(text.values())
@@ -98,13 +94,7 @@ def table(scores: Sequence[EntryScore], season: Season) -> str:
 
 
 def read(path: Path) -> Board:
-    """Read the scores of a season from a CSV file that `table` made.
-
-    Raises
-    ------
-    BenchError
-        In one line, with the file.
-    """
+    """Read the scores of a season from a CSV file that `table` made; raises `BenchError` in one line, with the file."""
     lines = csv.DictReader(io.StringIO(read_text(path, BenchError)), strict=True)
     try:
         if tuple(lines.fieldnames or ()) != _COLUMNS:
@@ -144,6 +134,6 @@ def save_page(boards: Sequence[Board], page: Path) -> None:
     """Write the leaderboard of some seasons as one HTML page."""
     from simgrab.reports import html
 
-    shown = [(title, rows(scores)) for title, scores in boards]
+    shown = [(title, list(map(_row, scores))) for title, scores in boards]
     with writing(page, BenchError):
         write(page, html.page("bench.html", head=HEAD, boards=shown, note=NOTE).encode())

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import time
 from collections import Counter
@@ -31,7 +30,7 @@ from simgrab.io.destination import check_new_folder, writing
 from simgrab.io.files import drafted_folder, write
 from simgrab.io.parse import read_json, read_text
 from simgrab.io.strict import Checked, convert
-from simgrab.lab.bench.files import CLIPS, Name, Published, published, sensor_folders
+from simgrab.lab.bench.files import CLIPS, Name, Published, as_json, published, sensor_folders
 from simgrab.lab.bench.season import SENSORS, sensors_of
 from simgrab.model import calibration
 from simgrab.model.geometry import Array
@@ -190,7 +189,7 @@ def run(
     with writing(out, BenchError), drafted_folder(out) as draft:
         for file, text in files.items():
             write(draft / file, text.encode())
-        write(draft / ABOUT, json.dumps(msgspec.to_builtins(about), indent=1).encode() + b"\n")
+        write(draft / ABOUT, as_json(about))
     return empty
 
 

@@ -117,20 +117,9 @@ def prepare(
 ) -> None:
     """Render a season's clips; run again, it goes on where it was interrupted.
 
-    Parameters
-    ----------
-    season : Season
-    folder : Path
-    workers : int, optional
-        Processes, each of which renders a clip at a time; as many as cores and memory allow unless given.
-    progress : callable, optional
-        Called with (clips done, clips in all).
-
-    Raises
-    ------
-    BenchError
-        If the folder holds another season or clips of another version, or cannot be written, or if a clip cannot have
-        the swing that its name promises.
+    There are as many processes, each of which renders a clip at a time, as cores and memory allow unless ``workers`` is
+    given. ``progress`` is called with (clips done, clips in all). Raises `BenchError` if the folder holds another
+    season or clips of another version, or cannot be written, or if a clip cannot have the swing that its name promises.
     """
     scenarios = [season.scenario(clip) for clip in season.clips]  # refuses a size or a length that no clip can have
     with locked_folder(folder, BenchError, who="simgrab bench"), writing(folder, BenchError):
@@ -139,7 +128,7 @@ def prepare(
             raise BenchError(f"{folder} holds another season; choose another --out")
         for part in (CLIPS, TRUTH):
             (folder / part).mkdir(exist_ok=True)
-        write(secret, _json(msgspec.to_builtins(season)))
+        write(secret, as_json(season))
         missing = [clip for clip in season.clips if not _finished(season, folder, clip)]
         missing.sort(key=lambda clip: clip.swing != "alarm")  # those that too few frames make impossible first
         each = memory_bytes(Recipe(scenarios[0])) + sensors.memory_bytes(season.with_sensors(scenarios[0]))
@@ -166,7 +155,7 @@ def prepare(
         public = msgspec.to_builtins(about)
         if not season.sensors:  # which seasons did not always have
             del public["sensors"], public["sensors_sha256"]
-        write(folder / CLIPS / SEASON, _json(public))
+        write(folder / CLIPS / SEASON, as_json(public))
 
 
 def hidden_like(season: Season, folder: Path) -> Season:
@@ -230,10 +219,7 @@ def _render(season: Season, folder: Path, clip: SeasonClip) -> None:
 def season_of(folder: Path) -> Season:
     """Season that was prepared in a folder, with its secrets.
 
-    Raises
-    ------
-    BenchError
-        If there is none, or if seed, salt or truth are not those that were committed to.
+    Raises `BenchError` if there is none, or if seed, salt or truth are not those that were committed to.
     """
     path = folder / TRUTH / SEASON
     season = _season(path)
@@ -251,13 +237,7 @@ def _season(path: Path) -> Season:
 
 
 def published(folder: Path) -> Published:
-    """Read what is public of the season in a folder.
-
-    Raises
-    ------
-    BenchError
-        If there is none, or of another version.
-    """
+    """Read what is public of the season in a folder; raises `BenchError` if there is none, or of another version."""
     path = folder / CLIPS / SEASON
     if not path.exists() and (folder / TRUTH / SEASON).exists():
         raise BenchError(f"{folder}: the season is not complete; simgrab bench prepare with its options goes on")
@@ -288,10 +268,7 @@ def _folder_sha256(folder: Path) -> str:
 def sensor_folders(folder: Path, season: Published, clip: str, sensors: Iterable[str]) -> dict[str, Path]:
     """Give the folders of some of a clip's sensors, by the sensors' names.
 
-    Raises
-    ------
-    RecordError
-        If the files of the clip's sensors are not those that the season commits to.
+    Raises `RecordError` if the files of the clip's sensors are not those that the season commits to.
     """
     path = folder / CLIPS / clip
     if _folder_sha256(path) != season.sensors_sha256[clip]:
@@ -300,13 +277,7 @@ def sensor_folders(folder: Path, season: Published, clip: str, sensors: Iterable
 
 
 def targets(folder: Path) -> tuple[ClipTruth, ...]:
-    """Frames and truth of each clip of a prepared season.
-
-    Raises
-    ------
-    BenchError
-        If a truth table is missing or damaged.
-    """
+    """Frames and truth of each clip of a prepared season; raises `BenchError` if a table is missing or damaged."""
     result = []
     for clip in _season(folder / TRUTH / SEASON).clips:
         path = _place(folder, clip, ".parquet")
@@ -331,5 +302,6 @@ def _targets(truths: tuple[ClipTruth, ...]) -> bytes:
     return text.getvalue().encode()
 
 
-def _json(value: object) -> bytes:
-    return json.dumps(value, indent=1).encode() + b"\n"
+def as_json(value: object) -> bytes:
+    """Write plain data or a struct as a JSON file."""
+    return json.dumps(msgspec.to_builtins(value), indent=1).encode() + b"\n"

@@ -73,10 +73,7 @@ class EntryScore:
 def score(entries: Sequence[Entry], targets: Sequence[ClipTruth]) -> tuple[EntryScore, ...]:
     """Score entries by track, the best first, and then three that are computed from the truth.
 
-    Raises
-    ------
-    BenchError
-        If no frame shows a grab.
+    Raises `BenchError` if no frame shows a grab.
     """
     targets = [target for target in targets if target.counts.any()]
     if not targets:
@@ -133,7 +130,7 @@ def _score(entry: Entry, targets: Sequence[ClipTruth], *, sanity: bool) -> Entry
         "answered": over(np.mean, lambda a, t: a.ok[t.counts].astype(float)),
         "rmse_deg": over(lambda off: np.sqrt(np.mean(off**2)), _errors),
         "p95_deg": over(lambda off: np.quantile(np.abs(off), 0.95), _errors),
-        "at_10_deg": over(np.mean, _errors_near_danger),
+        "at_10_deg": over(np.mean, lambda a, t: _errors(a, t, *NEAR_DANGER_DEG)),
         "coverage": over(np.mean, _covers),
         "width_deg": over(np.mean, lambda a, t: np.rad2deg(a.high - a.low)[np.isfinite(a.low) & t.counts]),
         **_alarms(pairs),
@@ -143,15 +140,10 @@ def _score(entry: Entry, targets: Sequence[ClipTruth], *, sanity: bool) -> Entry
     return EntryScore(entry.about, frames, len(targets), figures, sanity, recalls)
 
 
-def _errors(answers: Answers, target: ClipTruth) -> Array:
-    """Errors of the frames with an angle, degrees."""
-    return np.rad2deg(answers.alpha - target.alpha)[answers.ok & target.counts]
-
-
-def _errors_near_danger(answers: Answers, target: ClipTruth) -> Array:
-    low, high = NEAR_DANGER_DEG
-    near = (np.rad2deg(target.alpha) >= low) & (np.rad2deg(target.alpha) <= high)
-    return np.rad2deg(answers.alpha - target.alpha)[answers.ok & target.counts & near]
+def _errors(answers: Answers, target: ClipTruth, low_deg: float = 0.0, high_deg: float = np.inf) -> Array:
+    """Errors of the frames with an angle whose true swing lies between two angles, degrees."""
+    true = np.rad2deg(target.alpha)  # NaN without a grab
+    return np.rad2deg(answers.alpha - target.alpha)[answers.ok & (true >= low_deg) & (true <= high_deg)]
 
 
 def _covers(answers: Answers, target: ClipTruth) -> Array:

@@ -77,11 +77,6 @@ def nightly() -> tuple[SeasonClip, ...]:
     )
 
 
-def trial() -> tuple[SeasonClip, ...]:
-    """Return the first two of these, one with an alarm."""
-    return nightly()[:2]
-
-
 SUBSETS = "nightly", "full", "trial"
 
 
@@ -92,13 +87,9 @@ def check_sensors(sensors: Sequence[str]) -> None:
 
 
 def sensors_of(track: str, sensors: Sequence[str]) -> tuple[str, ...]:
-    """Name the sensors that a track allows, of those that a season has.
+    """Name the sensors that a track allows, of those that a season has; raises ValueError if it is no track of that.
 
-    Raises
-    ------
-    ValueError
-        If it is no track of such a season. ``picture`` is one; the display's rope length and sensors are joined to it
-        with +, in the order of `SENSORS`.
+    ``picture`` is one; the display's rope length and sensors are joined to it with +, in the order of `SENSORS`.
     """
     parts, more = track.split("+"), ("rope", *sensors)
     if parts != ["picture", *(part for part in more if part in parts)]:
@@ -150,7 +141,9 @@ class Season(Checked, frozen=True):
     @property
     def clips(self) -> tuple[SeasonClip, ...]:
         """In the order of the targets."""
-        return {"nightly": nightly, "full": full, "trial": trial}[self.subset]()
+        if self.subset == "full":
+            return full()
+        return nightly()[:2] if self.subset == "trial" else nightly()  # one of these two has an alarm
 
     @property
     def commitment(self) -> str:

@@ -122,19 +122,17 @@ def check(season: Path, entry: Path) -> None:
 @quiet_option
 def score(season: Path, entries: tuple[Path, ...], out: Path | None, page: Path | None, quiet: bool) -> None:
     """Score ENTRIES for SEASON. Three more are computed from the truth and test the scorer."""
-    from rich.console import Console
-
     from simgrab.lab.bench import board
     from simgrab.lab.bench.entry import read
     from simgrab.lab.bench.files import published, season_of, targets
     from simgrab.lab.bench.score import score
-    from simgrab.reports.terminal import table
+    from simgrab.reports.terminal import stdout, table
 
     found, known = season_of(season), published(season)
     scores = score([read(entry, known) for entry in entries], targets(season))
     board.save(scores, found, csv_file=out, page=page)
     if not quiet:
-        console = Console()
+        console = stdout()
         made = table(board.brief(scores), tuple(board.BRIEF.values()))
         for i, column in enumerate(made.columns):
             column.overflow = "fold"

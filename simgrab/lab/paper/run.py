@@ -17,20 +17,9 @@ from simgrab.reports import html
 def run(
     out: str | Path, settings: PaperSettings | None = None, report: Callable[[str], None] = lambda _: None
 ) -> PaperStudy:
-    """Run the study and write its figures (SVG and PNG) and ``paper.html`` into a folder.
+    """Run the study and write its figures (SVG and PNG) and ``paper.html`` into a folder, made if there is none.
 
-    Parameters
-    ----------
-    out : path
-        Folder, made if there is none.
-    settings : PaperSettings, optional
-    report : callable
-        Called with what is being done.
-
-    Raises
-    ------
-    RunError
-        If nothing can be written there.
+    ``report`` is called with what is being done. Raises `RunError` if nothing can be written there.
     """
     folder = Path(out)
     check_folder(folder, RunError)

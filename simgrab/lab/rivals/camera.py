@@ -24,13 +24,7 @@ from simgrab.model.calibration import Calibration
 class Tracked:
     r"""A tracker and an estimator as an instrument (`simgrab.instrument.contract.Instrument`).
 
-    Attributes
-    ----------
-    name : str
-    tracker : Tracker
-    estimator : Estimator
-    rope : Series or None
-        Rope lengths, \|OA\|, m, by the clock of the frames; only some estimators need them.
+    Rope lengths, \|OA\|, m, are by the clock of the frames; only some estimators need them.
     """
 
     name: str

@@ -153,16 +153,11 @@ class Swing:
     @classmethod
     def of(cls, lean: Array, sd: Array | None = None, reason: NDArray[np.str_] | None = None) -> Swing:
         """Make one of leans (n, 2): angles along x and y, rad. Rows with a reason lose their angle."""
-        n = len(lean)
-        reason = np.full(n, "") if reason is None else reason
-        bad = ~np.isfinite(lean).all(axis=1) & (reason == "")
-        reason = np.where(bad, "the method found no angle", reason)
-        gone = reason != ""
-        alpha, azimuth = np.hypot(lean[:, 0], lean[:, 1]), np.arctan2(lean[:, 1], lean[:, 0]) % (2 * np.pi)
-        spread = np.full(n, np.nan) if sd is None else sd
-        return cls(
-            np.where(gone, np.nan, alpha), np.where(gone, np.nan, azimuth), np.where(gone, np.nan, spread), reason
-        )  # fmt: skip
+        n, (x, y) = len(lean), lean.T
+        sd, reason = np.full(n, np.nan) if sd is None else sd, np.full(n, "") if reason is None else reason
+        made = cls(np.hypot(x, y), np.arctan2(y, x) % (2 * np.pi), sd, reason)
+        made = made.without(np.logical_not(np.isfinite(lean).all(axis=1)), "the method found no angle")
+        return made.without(made.reason != "", "")
 
     def without(self, gone: NDArray[np.bool_], why: str) -> Swing:
         """Take the angles of some instants away; reasons that they have already stay."""
@@ -176,8 +171,7 @@ class Swing:
             if reason:
                 found.append(Measurement(status="refused", reason=reason))
                 continue
-            ends = (None, None) if np.isnan(sd) else (max(alpha - QUANTILE * sd, 0.0), alpha + QUANTILE * sd)
-            low, high = ends
+            low, high = (None, None) if np.isnan(sd) else (max(alpha - QUANTILE * sd, 0.0), alpha + QUANTILE * sd)
             found.append(Measurement(status="ok", alpha=min(alpha, np.pi / 2), alpha_low=low, alpha_high=high))
         return found
 

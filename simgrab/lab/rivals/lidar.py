@@ -71,10 +71,7 @@ class Scans:
 def read_scans(folder: str | Path, platform_from_sensor: Array) -> Scans:
     """Read ``data.parquet`` of a folder such as a dataset's ``sensors/clip_000/lidar0``.
 
-    Raises
-    ------
-    RecordError
-        In one line: the file, and what is wrong with it.
+    Raises `RecordError` with one line: the file, and what is wrong with it.
     """
     where = Path(folder) / "data.parquet"
     try:

@@ -82,12 +82,7 @@ class CameraDevice(Device):
 def looking(azimuth_deg: float, elevation_deg: float) -> Array:
     """Rotation ``body_from_camera``, shape (3, 3), of a camera whose picture has the vertical upright.
 
-    Parameters
-    ----------
-    azimuth_deg : float
-        Of the optical axis, from x counter-clockwise seen from above.
-    elevation_deg : float
-        Above the horizontal; less than 90 either way.
+    The azimuth of the optical axis is from x counter-clockwise seen from above, the elevation less than 90 either way.
     """
     azimuth, elevation = np.radians((azimuth_deg, elevation_deg))
     ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

@@ -12,7 +12,7 @@ from simgrab.io import resources
 from simgrab.io.parse import read_toml
 from simgrab.io.resources import SCENES
 from simgrab.io.strict import convert
-from simgrab.lab.stress import convergence, estimators, geometric, rendered, score
+from simgrab.lab.stress import estimators, geometric, rendered
 from simgrab.lab.stress.axes import AXES
 from simgrab.lab.stress.study import Study, axis_of
 
@@ -38,11 +38,6 @@ def depth_of(name: str) -> Any:
     return DEPTHS[name]
 
 
-def columns(kind: str) -> tuple[str, ...]:
-    """Numbers of a row of a study of this kind."""
-    return tuple(score.COLUMNS if kind == "estimators" else convergence.COLUMNS)
-
-
 def names() -> list[str]:
     """Names of the bundled studies."""
     return resources.names(STUDIES)
@@ -62,10 +57,7 @@ def of(depth: str) -> list[str]:
 def load(study: str | Path) -> Study:
     """Read a bundled study by name, or a TOML file, and check all of it.
 
-    Raises
-    ------
-    StressError
-        With one line that names the key and what is valid there.
+    Raises `StressError` with one line that names the key and what is valid there.
     """
     path = resources.find(study, STUDIES, "study", "studies", StressError)
     found = _unchecked(path)
@@ -130,7 +122,7 @@ def check(study: Study) -> None:
             if point not in study.points:
                 there = ", ".join(str(list(point)) for point in study.points)
                 raise StressError(f"{key}: {list(point)} is not a combination of axis values; one of: {there}")
-    quantities = ("refused", *columns(study.kind))
+    quantities = ("refused", *study.columns)
     for accept in study.accept:
         if accept.quantity not in quantities:
             raise StressError(f"accept: unknown quantity {accept.quantity!r}; one of: {', '.join(quantities)}")

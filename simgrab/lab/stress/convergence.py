@@ -96,12 +96,7 @@ def linearised(fixed: Estimates, records: Records) -> Array:
 def population(beta: float, sigma: float, kurtosis: float) -> tuple[float, float]:
     """Give the fixed point (rad) and the contraction there for n → ∞, to fourth order; NaN where there is none.
 
-    Parameters
-    ----------
-    beta, sigma : float
-        Radians.
-    kurtosis : float
-        E[α⁴]/E[α²]² of the distribution.
+    Tilt and σ are in radians, and the kurtosis is E[α⁴]/E[α²]² of the distribution.
     """
     q = (kurtosis - 3) * sigma**4 / 12
     if beta**2 < 2 * q:

@@ -11,7 +11,7 @@ import numpy as np
 from simgrab.lab.stress.axes import Value
 from simgrab.lab.stress.convergence import population, starts_at_zero
 from simgrab.lab.stress.laws import LAWS
-from simgrab.lab.stress.study import axis_of
+from simgrab.lab.stress.study import axis_of, stated
 from simgrab.lab.stress.summary import Point, StudySummary
 from simgrab.model.geometry import Array
 from simgrab.reports.plots import Axes, Figure, rc_context
@@ -28,16 +28,10 @@ Curve = tuple[str, str, str, float]  # column, statistic, line style, factor
 
 def slices(summary: StudySummary) -> list[tuple[str, list[Point]]]:
     """Points of the first axis, for each value of the second, with what to call them."""
-    points = summary.study.points
-    if len(summary.study.axes) == 1:
+    points, axes = summary.study.points, summary.study.axes
+    if len(axes) == 1:
         return [("", points)]
-    result = []
-    second = summary.study.axes[1]
-    for value in second.values:
-        some = [p for p in points if p[1] == value]
-        unit = axis_of(second.axis).unit
-        result.append((f"{second.axis} = {value if isinstance(value, str) else f'{value:g}'} {unit}".strip(), some))
-    return result
+    return [(stated(axes[1].axis, value), [p for p in points if p[1] == value]) for value in axes[1].values]
 
 
 def draw(summary: StudySummary, points: Sequence[Point]) -> Figure:

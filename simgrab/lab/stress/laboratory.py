@@ -28,7 +28,7 @@ from simgrab.io.files import drafted
 from simgrab.io.journal import Journal
 from simgrab.io.stores import Store
 from simgrab.lab.stress import convergence, estimators, score
-from simgrab.lab.stress.catalogue import columns, depth_of, load
+from simgrab.lab.stress.catalogue import depth_of, load
 from simgrab.lab.stress.catalogue import read as read_study
 from simgrab.lab.stress.records import Records
 from simgrab.lab.stress.study import Study, resized
@@ -97,7 +97,7 @@ def make(study: Study, part: ReplicationBatch, own: Own | None = None) -> pa.Tab
 
 
 def scored(study: Study, estimator: str, records: Records, own: Own | None = None) -> dict[str, np.ndarray]:
-    """Estimate from M records and judge: `columns`, ``status`` and ``reason``, shape (M,) each."""
+    """Estimate from M records and judge: `Study.columns`, ``status`` and ``reason``, shape (M,) each."""
     if study.kind == "convergence":
         return convergence.trace(records)
     return score.score(estimators.run(estimator, records, own), records)
@@ -107,7 +107,7 @@ def schema(study: Study) -> pa.Schema:
     """Columns of a study's rows."""
     fields = [(s.axis, pa.string() if any(isinstance(v, str) for v in s.values) else pa.float64()) for s in study.axes]
     fields += [("trial", pa.int64()), ("estimator", pa.string()), ("status", pa.string()), ("reason", pa.string())]
-    return pa.schema(fields + [(name, pa.float64()) for name in columns(study.kind)])
+    return pa.schema(fields + [(name, pa.float64()) for name in study.columns])
 
 
 def made(job: tuple[Study, ReplicationBatch]) -> tuple[str, ReplicationBatch, bytes]:
@@ -178,7 +178,7 @@ def stress(
             raise StressError(f"own: at the depth 'rendered', name {name!r} in estimators, as package.module:Class")
     chosen = resized(chosen, frames, replications, seed)
     chosen = msgspec.structs.replace(chosen, estimators=(*chosen.estimators, *(own or {})))
-    summary = StudySummary(chosen, columns(chosen.kind))
+    summary = StudySummary(chosen)
     done, total = 0, len(chosen.points) * chosen.replications
     for part in parts(chosen):
         summary.add(make(chosen, part, own))
@@ -290,7 +290,7 @@ def _finish(out: Path, study: Study) -> str:
 
 
 def _summed(study: Study, path: Path) -> StudySummary:
-    summary = StudySummary(study, columns(study.kind))
+    summary = StudySummary(study)
     for table in parquet.groups(path / TRIALS):
         summary.add(table)
     return summary

@@ -50,14 +50,6 @@ def write(findings: Sequence[StudyResult], path: Path, share: Share) -> None:
     files.write(path, text)
 
 
-def worst_at_ten(summary: StudySummary, name: str) -> tuple[float, float]:
-    """Largest mean error at a true 10° over the points, deg, and largest share of refused records."""
-    errors = [summary.at(p, name, "alpha10_most_deg").mean for p in summary.study.points]
-    refused = [summary.at(p, name, "refused").mean for p in summary.study.points]
-    finite = [e for e in errors if np.isfinite(e)]
-    return max(finite, default=np.nan), max((r for r in refused if np.isfinite(r)), default=np.nan)
-
-
 def axes(study: Study) -> str:
     """Name a study's axes, each with the range of its values."""
     return ", ".join(f"{s.axis} {_span(s.values)}" for s in study.axes)
@@ -70,16 +62,17 @@ def _span(values: Sequence[Any]) -> str:
 
 
 def cell(summary: StudySummary, name: str) -> tuple[str, str]:
-    """Return an estimator's largest error and the colour of its cell; nothing where there is none."""
-    if name not in summary.study.estimators:
-        return "", ""
-    error, refused = worst_at_ten(summary, name)
-    if refused > HALF_REFUSED:
+    """Return an estimator's largest mean error at a true 10°, deg, and its cell's colour; nothing without any."""
+    errors, refused = (
+        [mean for p in summary.study.points if np.isfinite(mean := summary.at(p, name, column).mean)]
+        for column in ("alpha10_most_deg", "refused")
+    )
+    if max(refused, default=0.0) > HALF_REFUSED:
         return "refused", "#d9c6e8"
-    if not np.isfinite(error):
+    if not errors:
         return "", ""
-    heat = float(np.clip((np.log10(max(error, 1e-3)) + 1.5) / 2.5, 0, 1))  # white at 0.03°, red at 10°
-    return f"{error:.2f}", f"hsl(12 85% {96 - 38 * heat:.0f}%)"
+    heat = float(np.clip((np.log10(max(*errors, 1e-3)) + 1.5) / 2.5, 0, 1))  # white at 0.03°, red at 10°
+    return f"{max(errors):.2f}", f"hsl(12 85% {96 - 38 * heat:.0f}%)"
 
 
 def _section(finding: StudyResult) -> dict[str, Any]:

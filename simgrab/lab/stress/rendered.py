@@ -14,7 +14,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.errors import RendererError, SimgrabError, StressError
+from simgrab.dataset import preview
+from simgrab.errors import SimgrabError, StressError
 from simgrab.io.pictures import encode
 from simgrab.io.resources import ASSETS
 from simgrab.lab.stress import estimators, study, swings
@@ -78,13 +79,7 @@ class Watched:
 
 
 def prepare(chosen: Study, point: tuple[Value, ...]) -> Scenario:
-    """Make the scene at a point of a study.
-
-    Raises
-    ------
-    StressError
-        If there is none, or an estimator would miss what it takes.
-    """
+    """Make the scene at a point of a study; raises `StressError` if there is none, or an estimator lacks inputs."""
     scenario = study.scenario(chosen, point)
     if scenario.vary:
         raise StressError(f"{BASE}: {scenario.name!r} varies {next(iter(scenario.vary))}; the base scene must not vary")
@@ -120,15 +115,12 @@ def show(scenario: Scenario, seed: int, trial: int) -> tuple[Records, Picture]:
 
 def made_with() -> str:
     """Name renderer, detector and reader, by digests."""
-    from simgrab.judge.doctor import examine
+    from simgrab.judge.doctor import fingerprint
 
-    found = examine()
-    if found.renderer is None:
-        raise RendererError(found.problem)
     weights = hashlib.sha256()
     for path in sorted((ASSETS / "weights").glob("*.onnx")):
         weights.update(path.read_bytes())
-    return f"renderer {found.renderer.digest}, weights {weights.hexdigest()[:16]}"
+    return f"renderer {fingerprint().digest}, weights {weights.hexdigest()[:16]}"
 
 
 def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
@@ -213,7 +205,6 @@ def _records(scenario: Scenario, seed: int, trials: Sequence[int], watched: Sequ
 
 def _sheet(watched: Watched) -> Picture:
     """Draw the frames again in which the grab was missed, or found farthest from where it is (BGR)."""
-    from simgrab.dataset import preview
     from simgrab.world import frames as world_frames
 
     off = watched.off_px
@@ -221,12 +212,12 @@ def _sheet(watched: Watched) -> Picture:
     shown = world_frames.frames(watched.scenario, worst.tolist(), buffers=False)
     tiles = []
     for index, frame in zip(worst.tolist(), shown, strict=True):
-        tile = _tile(_coded(frame, watched.scenario, cv2.IMREAD_COLOR), watched, index, preview.TILE_WIDTH)
+        tile = _tile(_coded(frame, watched.scenario, cv2.IMREAD_COLOR), watched, index)
         tiles.append(preview.captioned(tile, _caption(watched, index)))
     return np.asarray(preview.sheet(tiles), np.uint8)
 
 
-def _tile(picture: Picture, watched: Watched, index: int, width: int) -> Picture:
+def _tile(picture: Picture, watched: Watched, index: int) -> Picture:
     """Mark the true centre (cross) and the found one (circle) on a reduced picture and on an enlarged part of it."""
     true, found = watched.centre[index], watched.arrays.pixels[index]
     close = cv2.resize(
@@ -234,7 +225,7 @@ def _tile(picture: Picture, watched: Watched, index: int, width: int) -> Picture
         None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_NEAREST,
     )  # fmt: skip
     _mark(close, true, found, _ZOOM, true - _INSET_PX / 2)
-    scale = width / picture.shape[1]
+    scale = preview.TILE_WIDTH / picture.shape[1]
     tile = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     _mark(tile, true, found, scale, np.zeros(2))
     size = min(len(close), len(tile))
@@ -243,14 +234,10 @@ def _tile(picture: Picture, watched: Watched, index: int, width: int) -> Picture
 
 
 def _mark(picture: Picture, true: Array, detected: Array, scale: float, corner: Array) -> None:
-    def at(pixel: Array) -> tuple[int, int]:
-        u, v = np.clip((pixel - corner) * scale - 0.5, -9999, 9999).round()
-        return int(u), int(v)
-
     if np.isfinite(true).all():
-        cv2.drawMarker(picture, at(true), _TRUE, cv2.MARKER_TILTED_CROSS, 12, 1, cv2.LINE_AA)
+        cv2.drawMarker(picture, preview.at(true - corner, scale), _TRUE, cv2.MARKER_TILTED_CROSS, 12, 1, cv2.LINE_AA)
     if np.isfinite(detected).all():
-        cv2.circle(picture, at(detected), 7, _FOUND, 1, cv2.LINE_AA)
+        cv2.circle(picture, preview.at(detected - corner, scale), 7, _FOUND, 1, cv2.LINE_AA)
 
 
 def _caption(watched: Watched, index: int) -> str:

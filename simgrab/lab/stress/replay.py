@@ -30,21 +30,10 @@ from simgrab.reports.plots import Figure
 
 @dataclass(frozen=True)
 class Replay:
-    """One replication at one point of a study.
+    """One replication at one point of a study, and records of it alone.
 
-    Attributes
-    ----------
-    study : Study
-    point : tuple
-    trial : int
-    records : Records
-        Of this replication alone.
-    estimates : dict of str to Estimates
-        By estimator, one record each.
-    rows : dict of str to dict
-        By estimator, the row of ``trials.parquet``.
-    sheet : ndarray, shape (height, width, 3), or None
-        The frames in which the grab is found worst, BGR, where there are pictures.
+    By estimator, ``estimates`` has one record each, and ``rows`` the row of ``trials.parquet``. ``sheet``, shape
+    (height, width, 3), BGR, shows the frames in which the grab is found worst, where there are pictures.
     """
 
     study: Study

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from simgrab.errors import SimgrabError, StressError
+from simgrab.lab.stress import convergence, score
 from simgrab.lab.stress import situation as situations
 from simgrab.lab.stress.axes import AXES, EXCLUSIVE, Axis, Value
 from simgrab.lab.stress.situation import Situation
@@ -122,6 +123,11 @@ class Study(Strict, frozen=True):
         """SHA-256 of everything in the study."""
         return hashlib.sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Numbers of a row."""
+        return tuple(score.COLUMNS if self.kind == "estimators" else convergence.COLUMNS)
+
     def trials_of(self, estimator: str) -> int:
         """How many replications an estimator gets."""
         return min(self.fewer.get(estimator, self.replications), self.replications)
@@ -136,13 +142,14 @@ def axis_of(name: str) -> Axis:
     return AXES.get(name) or Axis(name, "", f"the scene's {name}", None, key=name)
 
 
+def stated(name: str, value: Value) -> str:
+    """Name a value of an axis, with its unit."""
+    return f"{name} = {value}" if isinstance(value, str) else f"{name} = {value:g} {axis_of(name).unit}".rstrip()
+
+
 def place(study: Study, point: tuple[Value, ...]) -> str:
     """Name a point: its axes with values and units."""
-    pairs = zip(study.axes, point, strict=True)
-    return ", ".join(
-        f"{s.axis} = {v}" if isinstance(v, str) else f"{s.axis} = {v:g} {axis_of(s.axis).unit}".rstrip()
-        for s, v in pairs
-    )
+    return ", ".join(stated(sweep.axis, value) for sweep, value in zip(study.axes, point, strict=True))
 
 
 @functools.lru_cache(maxsize=256)

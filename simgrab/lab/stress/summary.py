@@ -77,7 +77,6 @@ class StudySummary:
     """
 
     study: Study
-    columns: tuple[str, ...]
     sums: dict[tuple[Point, str], Array] = field(default_factory=dict)  # (columns + 1, 4); the last is `refused`
 
     def add(self, table: pa.Table) -> None:
@@ -90,20 +89,20 @@ class StudySummary:
             if not rows.num_rows:
                 continue
             refused = (rows["status"].to_numpy(zero_copy_only=False) != "ok").astype(float)
-            values = [np.asarray(rows[c].to_numpy(zero_copy_only=False), float) for c in self.columns]
+            values = [np.asarray(rows[c].to_numpy(zero_copy_only=False), float) for c in self.study.columns]
             self.sums[point, name] = self.sums.get((point, name), 0) + np.array([*map(_powers, (*values, refused))])
 
     def at(self, point: Point, estimator: str, column: str) -> MonteCarloFigure:
         """Give a figure; an empty one where the estimator was not tried."""
         sums = self.sums.get((point, estimator))
-        return NOTHING if sums is None else _figure(sums[(*self.columns, "refused").index(column)])
+        return NOTHING if sums is None else _figure(sums[(*self.study.columns, "refused").index(column)])
 
     def table(self) -> pa.Table:
         """One row a figure."""
         rows: list[dict[str, Any]] = []
         for point, name in self.sums:
             place = {s.axis: v for s, v in zip(self.study.axes, point, strict=True)}
-            for column in (*self.columns, "refused"):
+            for column in (*self.study.columns, "refused"):
                 rows.append({**place, "estimator": name, "quantity": column, **asdict(self.at(point, name, column))})
         return pa.Table.from_pylist(rows)
 

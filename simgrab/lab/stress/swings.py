@@ -84,15 +84,9 @@ def draw(situation: Situation, draws: Draws) -> ReplicatedMotion:
 
 
 def ring(draws: Draws, motion: ReplicatedMotion, alpha: float, azimuth: float) -> ReplicatedMotion:
-    """Swing by ``alpha`` evenly all around, from ``azimuth`` on, at ropes and attitudes that the replications have.
+    """Swing by ``alpha``, rad, evenly all around, from ``azimuth`` on, at ropes and attitudes of the replications.
 
-    Parameters
-    ----------
-    draws : Draws
-        Of the same replications, with as many frames as there are to be swings.
-    motion : ReplicatedMotion
-    alpha, azimuth : float
-        Radians.
+    ``draws`` are of the same replications, with as many frames as there are to be swings.
     """
     shape = (len(draws.trials), draws.frames)
     some = (draws.uniform("probe.frame") * motion.rope.shape[1]).astype(np.int64)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import msgspec
 import pytest
 
@@ -11,10 +13,12 @@ from simgrab.lab.stress.laboratory import make, parts
 from simgrab.lab.stress.study import Study
 from simgrab.lab.stress.summary import StudySummary
 
+bundled = functools.cache(catalogue.load)
+
 
 def small(study: str | Study, *points: tuple, **changes: object) -> Study:
     """A bundled study with other settings; of one axis only the values of the given points."""
-    whole = catalogue.load(study) if isinstance(study, str) else study
+    whole = bundled(study) if isinstance(study, str) else study
     axes = whole.axes
     if points:
         axes = tuple(
@@ -31,7 +35,7 @@ def small(study: str | Study, *points: tuple, **changes: object) -> Study:
 
 
 def summed(study: Study) -> StudySummary:
-    summary = StudySummary(study, catalogue.columns(study.kind))
+    summary = StudySummary(study)
     for part in parts(study):
         summary.add(make(study, part))
     return summary

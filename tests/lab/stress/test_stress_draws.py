@@ -5,7 +5,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from stress_runs import small
+from stress_runs import bundled, small
 
 from simgrab.errors import StressError
 from simgrab.lab.stress import catalogue, geometric, swings
@@ -208,7 +208,7 @@ def test_a_pendulum_is_not_damped_beyond_swinging():
 
 @pytest.mark.parametrize("name", [name for name in catalogue.of("geometric") if name != "convergence"])
 def test_every_bundled_study_draws_replications(name):
-    study = msgspec.structs.replace(catalogue.load(name), n=10)
+    study = msgspec.structs.replace(bundled(name), n=10)
     for point in study.points[:: max(len(study.points) // 4, 1)]:
         made = situation(study, point)
         if made.frames <= 3699:

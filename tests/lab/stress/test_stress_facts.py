@@ -1,9 +1,8 @@
 """What is known about the estimators comes out of the bundled studies, within Monte Carlo error."""
 
 import pytest
-from stress_runs import small, summed
+from stress_runs import bundled, small, summed
 
-from simgrab.lab.stress import catalogue
 from simgrab.lab.stress.summary import judge
 
 KNOWN = ("offset-along", "focal", "lean-along", "gamma-towards", "box-centre-straight", "alpha-exponential")
@@ -11,7 +10,7 @@ KNOWN = ("offset-along", "focal", "lean-along", "gamma-towards", "box-centre-str
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_a_known_fact_is_measured_again(name):
-    study = catalogue.load(name)
+    study = bundled(name)
     verdicts = judge(summed(small(name, *(a.at for a in study.accept), replications=30)))
     assert len(verdicts) >= len(study.accept) >= 2
     assert all(v.passed for v in verdicts), [v for v in verdicts if not v.passed]

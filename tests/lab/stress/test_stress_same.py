@@ -1,6 +1,5 @@
 """A replication is the same alone, in a batch, on any worker, and after a kill."""
 
-import functools
 import os
 import shutil
 import signal
@@ -12,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from stress_runs import small
+from stress_runs import bundled, small
 
 from simgrab.errors import StressError
 from simgrab.lab.stress import catalogue, geometric, laboratory, replay
@@ -42,11 +41,6 @@ values = [0.0, 0.3]
 """
 
 
-@functools.cache
-def bundled():
-    return [catalogue.load(name) for name in catalogue.names()]
-
-
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "small.toml"
@@ -56,7 +50,7 @@ def file(tmp_path):
 
 @pytest.mark.parametrize("name", AXES)
 def test_a_replication_depends_on_its_number_alone(name):
-    study = next(s for s in bundled() if any(x.axis == name for x in s.axes))
+    study = next(s for s in map(bundled, catalogue.names()) if any(x.axis == name for x in s.axes))
     for point in (study.points[0], study.points[-1]):
         here = situation(small(study, n=30), point)
         together, alone = geometric.draw(here, 3, [4, 11, 2]), geometric.draw(here, 3, [11])

@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 from commands import run
 from equations import eq2_cos_alpha
-from stress_runs import refused, small, summed
+from stress_runs import bundled, refused, small, summed
 
 import simgrab
 from simgrab.errors import StressError
@@ -90,7 +90,7 @@ def test_unknown_studies_are_refused_with_the_list():
 
 def test_every_bundled_study_reads_under_its_own_name_and_quickly():
     for name in catalogue.names():
-        study = catalogue.load(name)
+        study = bundled(name)
         assert study.name == name
         quick = quickened(study)
         assert quick.replications <= 30
@@ -128,7 +128,7 @@ class Broken:
 def test_anybodys_estimator_is_judged_like_the_packages_own():
     name = f"{__name__}:Stubborn"
     summary = summed(small("n", (10.0,), (100.0,), replications=20, estimators=("mean-ray", name)))
-    for column in summary.columns:
+    for column in summary.study.columns:
         if column != "iterations":
             ours, theirs = (summary.at((100.0,), e, column) for e in (name, "mean-ray"))
             assert (ours.count, ours.mean) == pytest.approx((theirs.count, theirs.mean), rel=1e-12, nan_ok=True), column
@@ -284,7 +284,7 @@ def test_a_verb_takes_one_thing_at_a_time():
 
 
 def test_limits_of_root_mean_squares_are_of_the_studys_own_frames():
-    study = catalogue.load("alpha-law")
+    study = bundled("alpha-law")
     assert any(accept.statistic == "rms" for accept in study.accept)
     assert resized(study, study.n, 10, 1).accept == study.accept
     few = resized(study, study.n - 1, None, None)

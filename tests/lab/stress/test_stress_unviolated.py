@@ -5,7 +5,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from stress_runs import small, summed
+from stress_runs import bundled, small, summed
 
 from simgrab.lab.stress import catalogue, geometric
 from simgrab.lab.stress.axes import AXES
@@ -13,7 +13,7 @@ from simgrab.lab.stress.study import situation
 from simgrab.lab.stress.summary import judge
 
 CONSISTENT = ("paper-iteration", "mean-ray", "geometric-median", "rope-aware")
-STUDIES = {name: catalogue.load(name) for name in catalogue.names()}
+STUDIES = {name: bundled(name) for name in catalogue.names()}
 FREE = {"rope", "rope-range", "n"}  # no assumption of anything
 # Beside a known offset only one estimator is consistent.
 BESIDE = ("roll", "rope-bias", "rope-lag", "rope-misread")
