@@ -141,7 +141,7 @@ def remarks(grab: Grab) -> list[str]:
 
 
 def _loose(reading: ImportedModel) -> list[str]:
-    advice = "it counts in size, mass and boxes. Remove it from the file if it is no part of the grab."
+    advice = "it counts in size, mass and boxes. Remove it if it is no part of the grab; else what joins it is missing."
     return [f"{said}: {advice}" for said in reading.loose[0]]
 
 

@@ -162,6 +162,19 @@ def test_a_copy_of_a_video_is_compared_by_time(kept, grid_s, swinging, tmp_path)
     assert truths.of(made, swinging / "swing.mp4", begin).rows == known.rows
 
 
+def test_a_part_of_angles_alone_is_found_by_them(swinging, tmp_path):
+    whole = measured(swinging, tmp_path / "film", of="swing.mp4")
+    known = truths.of(whole, swinging / "swing.mp4").alpha
+    angles = [
+        Measurement(status="ok", alpha=alpha + 0.01) if np.isfinite(alpha) else Measurement(status="lost", reason="-")
+        for alpha in known[17:47]
+    ]
+    time = whole.time[17:47] - whole.time[17]
+    part = dataclasses.replace(whole, time=time, names=whole.names[17:47], measurements=tuple(angles))
+    found = truths.of(part, swinging / "swing.mp4")
+    np.testing.assert_array_equal(found.alpha, known[17:47])
+
+
 def test_a_cut_that_fits_anywhere_is_refused(clean, swinging, tmp_path):
     whole = measured(swinging, tmp_path / "film", of="swing.mp4")
     still = [msgspec.structs.replace(m, centre=(320.0, 180.0) if m.centre else None) for m in whole.measurements[20:40]]

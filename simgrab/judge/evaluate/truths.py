@@ -174,10 +174,13 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
     times, start, reach = run.time, float(stamps[0]), SAME_S
     exact = bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S)[sent].all())
     if start_s is not None or (sent.any() and not (exact and sent.sum() == len(stamps))):
+        known = Truths(tuple(table), (), 0.0)
         measured = _signs(run.pixels, [m.rope_text for m in run.measurements])[sent]
-        true = _signs(Truths(tuple(table), (), 0.0).centre, [row.rope_text for row in table])
+        true = _signs(known.centre, [row.rope_text for row in table])
         if not np.isfinite(measured[:, 2]).mean() > _LEAST_READ:
             measured, true = measured[:, :2], true[:, :2]
+        if not np.isfinite(measured).all(axis=1).any():  # angles alone
+            measured, true = run.alpha[sent, None], known.alpha[:, None]
         try:
             start = begins(times[sent], stamps, measured, true) if start_s is None else start_s
         except RunError as problem:
