@@ -84,8 +84,7 @@ class PaperIteration(FrameEstimator):
             x, y, _ = mount_from_camera(calibration) @ (math.cos(self.axis_direction), math.sin(self.axis_direction), 0)
             return np.full(len(frames.rays), math.atan2(y, x))
         angle = np.arctan2(frames.rays[:, 1], frames.rays[:, 0])
-        present = frames.present
-        return np.array([circular_median(a if present is None else a[present[i]]) for i, a in enumerate(angle)])
+        return np.array([circular_median(a[some]) for a, some in zip(angle, frames.present, strict=True)])
 
     def _start(self, frames: Frames, direction: Array) -> Array:
         if self.start != "mean-ray":
@@ -110,7 +109,7 @@ class PaperIteration(FrameEstimator):
             now = beta[index]
             cos_alpha = np.sin(now)[:, None] * p[index] + np.cos(now)[:, None] * c[index]
             alpha = np.arccos(np.minimum(cos_alpha, 1.0))  # (est-1); the cosine between unit vectors, but for rounding
-            new_sigma2 = some.mean(alpha**2 if some.present is None else alpha**2 * some.present)  # (est-2)
+            new_sigma2 = some.mean(alpha**2)  # (est-2)
             argument = mean_c[index] * np.exp(new_sigma2 / 2)  # (est-3)
             new = np.arccos(np.where(argument <= 1, argument, np.nan))
             for i in np.flatnonzero(argument > 1):
@@ -144,13 +143,11 @@ class PaperIteration(FrameEstimator):
         result = np.stack([of_beta, np.zeros_like(of_beta)], axis=1)
         if self.axis == "circular-median":
             result[:, 1] = np.sin(beta)[:, None] * _median_influence(frames, direction)
-        return result if frames.present is None else result * frames.present[:, None]
+        return result * frames.present[:, None]
 
 
 def _kurtosis(frames: Frames, c: Array) -> Array:
     psi2 = 2 * (1 - c) + (1 - c) ** 2 / 3  # ψ² to sixth order
-    if frames.present is not None:
-        psi2 = psi2 * frames.present
     return np.asarray(frames.mean(psi2**2) / np.maximum(frames.mean(psi2) ** 2, 1e-300))
 
 
@@ -165,13 +162,12 @@ def _median_influence(frames: Frames, direction: Array) -> NDArray[np.float64]:
     """Influence on the circular median: the sign of the side over twice the density there less the antipode's."""
     angle = np.arctan2(frames.rays[:, 1], frames.rays[:, 0]) - direction[:, None]
     angle -= 2 * np.pi * np.round(angle / (2 * np.pi))
-    present = np.ones_like(angle) if frames.present is None else frames.present.astype(float)
-    spread = np.sqrt(frames.mean(np.abs(angle) * present)[:, None] * np.sqrt(2 * np.pi) / 2)
+    spread = np.sqrt(frames.mean(np.abs(angle))[:, None] * np.sqrt(2 * np.pi) / 2)
     width = np.minimum(spread * frames.count[:, None] ** -0.4, 1.0)
-    near = (np.abs(angle) < width) * present - (np.abs(angle) > np.pi - width) * present
+    near = (np.abs(angle) < width) * 1.0 - (np.abs(angle) > np.pi - width)
     density = frames.mean(near) / (2 * width[:, 0])
     # Without a preferred side the line is not determined at all; a tenth of the uniform density marks that.
-    return np.asarray(np.sign(angle) * present / (2 * np.maximum(density, 0.1 / (2 * np.pi)))[:, None])
+    return np.asarray(np.sign(angle) / (2 * np.maximum(density, 0.1 / (2 * np.pi)))[:, None])
 
 
 def circular_median(angles: ArrayLike) -> float:

@@ -187,7 +187,7 @@ class InertialTracker:
             self._now = motion, tilt
         (frames,) = groups(np.array([[pixel]]), None, None, self.calibration)
         turn, offset = camera(tilt.parameters, np.array([time]), motion.motion, tilt.drift)
-        (self.direction,) = looked_along(turn, frames.places()[1], np.array([rope]), offset)
+        (self.direction,) = looked_along(turn, frames.places(), np.array([rope]), offset)
         sine = float(np.hypot(*self.direction))
         self._compare(time, rope * self.direction, rope * tilt.noise)
         by = np.hstack([of_tilt(motion.motion.at(np.array([time]))[0, 4:])[:, np.r_[TILT, SCALE]], np.eye(2)])
@@ -196,7 +196,7 @@ class InertialTracker:
         along, across = iv.split(by @ tilt.covariance @ by.T + own, self.direction)
         along = along + (sine * self.calibration.offset_sd_m / rope) ** 2
         alpha = float(np.arcsin(min(sine, 1.0)))
-        quantile = iv.student(self.smoother.intervals.level, np.inf)
+        quantile = iv.student(iv.LEVEL, np.inf)
         low, high = iv.radial(np.array(alpha), along, across, quantile)
         return alpha, (float(low), float(high))
 
