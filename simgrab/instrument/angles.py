@@ -16,7 +16,6 @@ from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
 from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.instrument.forecast import SETTLED_S, Forecast, Forecaster, forecast, joined
 from simgrab.instrument.observation import Observation
-from simgrab.instrument.rope import Rope
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
@@ -34,7 +33,7 @@ class RecordArrays(PixelRecord):
     rope_length : ndarray, shape (n,)
     observations : sequence of n Observation
     jump : ndarray of bool, shape (n,)
-        As `Rope` has it.
+        Frames with a length that the hoist cannot have reached.
     """
 
     rope_length: Array
@@ -46,18 +45,20 @@ class RecordArrays(PixelRecord):
         return np.asarray(np.where(self.pixel_sd > 0, self.pixel_sd, UNSTATED_PX) / focal_px)
 
 
-def arrays(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
-    """Put observations into arrays."""
+def arrays(
+    observations: Sequence[Observation], rope_length: Array, jump: NDArray[np.bool_] | None = None
+) -> RecordArrays:
+    """Put observations into arrays, with the rope's lengths (n,), m, and which of them are jumps (n,), if any."""
     nothing = (np.nan, np.nan)
     timed = all(s.time_s is not None for s in observations)
     sd = np.array([s.centre_sd or (0.0, 0.0) for s in observations], float).reshape(-1, 2)
     return RecordArrays(
         pixels=np.array([s.centre or nothing for s in observations], float).reshape(-1, 2),
         pixel_sd=np.sqrt(np.mean(sd**2, axis=-1)),
-        rope_length=rope.length,
+        rope_length=rope_length,
         time=np.array([s.time_s for s in observations], float) if timed else None,
         observations=observations,
-        jump=rope.jump,
+        jump=np.zeros(len(rope_length), bool) if jump is None else jump,
     )
 
 

@@ -30,14 +30,13 @@ from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import MIDDLES_S, Forecaster
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
-from simgrab.instrument.rope import Rope, rope
+from simgrab.instrument.rope import rope
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate
 
 if TYPE_CHECKING:
     from simgrab.instrument.controller_feed import ControllerFeed
-    from simgrab.instrument.estimate.inertial.live import InertialTracker
 
 T = TypeVar("T")
 
@@ -248,7 +247,7 @@ class Pipeline:
 
     def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> MeasuredRecord:
         """Estimate angles from a record of observations."""
-        record = angles.arrays(observations, rope(observations, calibration))
+        record = angles.arrays(observations, *rope(observations, calibration))
         controller, clock = self.controller, None
         if controller is not None:
             controller, clock = on_clock(controller, record)
@@ -302,7 +301,11 @@ class Pipeline:
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""
         estimator = self.chosen(calibration, live=True)
-        tracker = _tracker(estimator, calibration)
+        tracker = None
+        if estimator.needs_imu:
+            from simgrab.instrument.estimate.inertial.live import InertialTracker
+
+            tracker = InertialTracker(estimator, calibration)
         observations: list[Observation] = []
         lengths: list[float] = []
         tilt, start, due = self._tilt(calibration), math.nan, WARM_UP_S
@@ -317,8 +320,7 @@ class Pipeline:
             start = at if math.isnan(start) else start
             controller = self.controller if self.feed is None else self.feed.poll(at)
             recent = observations[_before(observations, at - WINDOW_S) :]
-            ropes = rope(recent, calibration)
-            newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
+            newest = angles.arrays(recent[-1:], *(of[-1:] for of in rope(recent, calibration)))
             if controller is not None:
                 unlike = watch.unlike
                 watch.clock(at, controller, float(newest.rope_length[0]))
@@ -334,7 +336,7 @@ class Pipeline:
                 old = _before(observations, at - KEPT_S)
                 del observations[:old], lengths[:old]
                 if estimated:
-                    whole = angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
+                    whole = angles.arrays(observations, np.array(lengths))
                     windy = estimator.in_wind(self.controller, whole.time)
                     found = whole.estimate(windy, calibration)
                     if found.ok:
@@ -400,17 +402,6 @@ def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
             waiting.append(thread.submit(next, source, end))
             yield item  # type: ignore[misc]  # not the end, hence a T
             del item  # a picture must not be kept while the next is awaited
-
-
-def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker | None:
-    """Make the live filter of an estimator with inertial readings."""
-    if not estimator.needs_imu:
-        return None
-    from simgrab.instrument.estimate import PendulumSmoother
-    from simgrab.instrument.estimate.inertial.live import InertialTracker
-
-    assert isinstance(estimator, PendulumSmoother)
-    return InertialTracker(estimator, calibration)
 
 
 def moving(estimator: Estimator | None) -> bool:

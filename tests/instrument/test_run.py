@@ -30,7 +30,6 @@ from simgrab.instrument.estimate.follow import load as load_tilt
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline
 from simgrab.instrument.read import Reader
-from simgrab.instrument.rope import Rope
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.assumed import _of_size, assumptions
 from simgrab.instrument.run.page import page
@@ -757,7 +756,5 @@ def test_a_run_states_whether_the_load_was_used(smooths, tonnes, used, imu):
     load = np.column_stack([time, 1e3 * np.where(time < 4, 2.0, tonnes)])
     reported = Controller(time, time / 50, time + 20, load=load, grab_kg=2000.0)
     kind = PendulumSmoother(controller=reported, imu=imu) if smooths else PaperIteration()
-    record = MeasuredRecord(
-        arrays([Observation(t) for t in time], Rope(time, time < 0)), (), None, None, estimator=kind
-    )
+    record = MeasuredRecord(arrays([Observation(t) for t in time], time), (), None, None, estimator=kind)
     assert _controller(Pipeline(None, None, controller=reported), record)["load_used"] is used
