@@ -208,16 +208,17 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     def check(self) -> None:  # noqa: D102
         if not self.quantities:
             raise ValueError("at least one of the tables slew, radius, luff, rope, wind and load is needed")
-        for name, one in (("slew", self.slew), ("radius", self.radius), ("luff", self.luff)):
-            if one is not None and one.setpoint == one.column:
+        for name, one in self.quantities.items():
+            if isinstance(one, Slew | Radius | Luff) and one.setpoint == one.column:
                 raise ValueError(f"{name}.setpoint: must be another column than {one.column!r}, of a speed")
         if self.radius and self.luff:
             raise ValueError("luff: leave it out, or radius, which follows from it")
 
     @property
-    def quantities(self) -> list[Quantity]:
-        """Those that are described."""
-        return [one for one in (self.slew, self.radius, self.luff, self.rope, self.wind, self.load) if one is not None]
+    def quantities(self) -> dict[str, Quantity]:
+        """Those that are described, by name."""
+        named = {name: getattr(self, name) for name in _LIMITS}
+        return {name: quantity for name, quantity in named.items() if quantity is not None}
 
     @staticmethod
     def file_of(quantity: Quantity, path: Path) -> Path:
@@ -268,10 +269,7 @@ def read_controller(
     files: dict[Path, _Rows] = {}
     series: dict[str, tuple[Array, Array, float]] = {}
     setpoints: dict[str, tuple[Array, Array]] = {}
-    for name in ("slew", "radius", "luff", "rope", "wind", "load"):
-        quantity = getattr(facts, name)
-        if quantity is None:
-            continue
+    for name, quantity in facts.quantities.items():
         file = facts.file_of(quantity, path)
         if file.suffix.lower() == DESCRIPTION:
             raise RecordError(f"{path}: {name}.file: is missing: which file the column is in")
