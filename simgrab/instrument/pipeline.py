@@ -320,7 +320,8 @@ class Pipeline:
             start = at if math.isnan(start) else start
             controller = self.controller if self.feed is None else self.feed.poll(at)
             recent = observations[_before(observations, at - WINDOW_S) :]
-            newest = angles.arrays(recent[-1:], *(of[-1:] for of in rope(recent, calibration)))
+            length, jump = rope(recent, calibration)
+            newest = angles.arrays(recent[-1:], length[-1:], jump[-1:])
             if controller is not None:
                 unlike = watch.unlike
                 watch.clock(at, controller, float(newest.rope_length[0]))

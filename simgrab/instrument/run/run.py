@@ -363,7 +363,7 @@ def _conclude(
     measurements = tuple(measured)
     time_s = None if None in notes.times else np.array(notes.times, float)
     found = () if time_s is None else alarm.events(time_s, measurements)
-    early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNING, alarm.warning)
+    early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNED_AT, alarm.warning)
     estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
     reported = _controller(instrument, record)

@@ -14,7 +14,7 @@ import numpy as np
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
-from simgrab.instrument.alarm import ALARM, DANGER, SCALE
+from simgrab.instrument.alarm import DANGER, QUIET_S, RELEASED_AT, SCALE
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.io.pictures import encode
 from simgrab.io.playback import FRAGMENTED
@@ -102,10 +102,10 @@ class OverlayVideo:
     def _keep(self, time_s: float | None, alpha: float, drawn: Picture) -> None:
         """Keep the picture if it is that of the largest swing so far, of all or of the present stretch."""
         largest, begins, peak = alpha > self._largest[0], False, False
-        if time_s is not None and alpha >= ALARM.released_at:
+        if time_s is not None and alpha >= RELEASED_AT:
             begins = time_s > self._until
             peak = begins or alpha > self._peaks[-1][0]
-            self._until = time_s + ALARM.quiet_s
+            self._until = time_s + QUIET_S
         if not (largest or peak):
             return
         still = alpha, self._index, encode(drawn[..., ::-1], "jpeg", _QUALITY)

@@ -99,8 +99,9 @@ class InertialTracker:
             self._restart(reason)
         elif self._lost(time):
             self._restart(f"for {LOST_S:.0f} s hardly a pixel agreed with the sensor")
-        usable = pixel is not None and np.isfinite(rope)
-        if pixel is not None and usable:
+        if not np.isfinite(rope):
+            pixel = None
+        if pixel is not None:
             self._kept.append((time, pixel, rope))
         if self._kept and np.isnan(self._due):
             self._due = self._kept[0][0] + WARM_UP_S
@@ -112,10 +113,11 @@ class InertialTracker:
             self.waiting = f"no tilt yet: {past:.0f} s of {WARM_UP_S:.0f}" + f" ({self._refused})" * bool(self._refused)
             return NOTHING
         self.waiting = ""
-        return self._swing(time, pixel, rope) if pixel is not None and usable else NOTHING
+        return NOTHING if pixel is None else self._swing(time, pixel, rope)
 
     def _restart(self, reason: str) -> None:
-        self._refused, self._due, self._jobs = reason, np.nan, 0
+        self._refused, self._jobs = reason, 0
+        self._due: float = np.nan
         self._now: tuple[Sensed, _Tilt] | None = None
         self._next: Future[tuple[Sensed, _Tilt] | str] | None = None
         self._kept: list[Kept] = []
