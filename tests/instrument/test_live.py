@@ -11,6 +11,7 @@ import swinging
 import tomli_w
 from films import film
 from test_pipeline import lives, made
+from test_run import CAMERA, nothing
 
 from simgrab.errors import RecordError, RunError, SourceError
 from simgrab.instrument import pipeline as rooms
@@ -25,7 +26,6 @@ from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run import run as running
 from simgrab.instrument.run.run import RunOptions
 from simgrab.instrument.source import open_source
-from simgrab.model.calibration import Calibration
 
 AT, SHIFT_PX = 150, 40.0  # frame of a knock, and how far it moves the picture: 1.5°
 
@@ -233,14 +233,18 @@ def test_a_lost_stream_is_connected_again_and_a_jump_of_its_stamps_is_no_gap(tmp
     assert "no connection" in frames[-1].reason
 
 
-def test_a_long_live_run_is_written_in_parts(tmp_path, monkeypatch):
-    monkeypatch.setattr(running, "PART_S", 2.0)
-    from test_run import nothing
+def run_live(folder, frames, out="out", instrument=None, **callbacks):
+    """Measure a film in parts of two seconds."""
+    path, options = film(folder / "a.mp4", np.arange(frames) / 9), RunOptions(live=True, video=False)
+    with pytest.MonkeyPatch.context() as short:
+        short.setattr(running, "PART_S", 2.0)
+        instrument = instrument or Pipeline(nothing, None)
+        return running.run(path, CAMERA, out and folder / out, instrument, options, **callbacks)
 
-    path, lines = film(tmp_path / "a.mp4", np.arange(45) / 9), []
-    options = RunOptions(live=True, video=False)
-    found = running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None), options,
-                        report=lines.append)  # fmt: skip
+
+def test_a_long_live_run_is_written_in_parts(tmp_path):
+    lines = []
+    found = run_live(tmp_path, 45, report=lines.append)
     parts = [running.runs.load(tmp_path / name) for name in ("out", "out-2", "out-3")]
     times = np.concatenate([part.time for part in parts])
     np.testing.assert_allclose(times, np.arange(45) / 9, atol=1e-3)
@@ -251,9 +255,6 @@ def test_a_long_live_run_is_written_in_parts(tmp_path, monkeypatch):
 
 
 def test_frames_are_measured_while_a_part_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(running, "PART_S", 2.0)
-    from test_run import nothing
-
     write, further = running._write, threading.Event()
 
     def waiting(*args, **options):
@@ -261,33 +262,23 @@ def test_frames_are_measured_while_a_part_is_written(tmp_path, monkeypatch):
         write(*args, **options)
 
     monkeypatch.setattr(running, "_write", waiting)
-    path = film(tmp_path / "a.mp4", np.arange(30) / 9)
-    running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
-                RunOptions(live=True, video=False), progress=lambda done, _: done < 25 or further.set())  # fmt: skip
+    run_live(tmp_path, 30, progress=lambda done, _: done < 25 or further.set())
     assert (tmp_path / "out/run.json").exists()
     assert (tmp_path / "out-2/run.json").exists()
 
 
 @pytest.mark.parametrize("frames", [30, 300])
 def test_a_part_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch, frames):
-    monkeypatch.setattr(running, "PART_S", 2.0)
-    from test_run import nothing
-
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(running, "_write", full)
-    path = film(tmp_path / "a.mp4", np.arange(frames) / 9)
     with pytest.raises(RunError, match="No space left"):
-        running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
-                    RunOptions(live=True, video=False))  # fmt: skip
+        run_live(tmp_path, frames)
     assert [left.name for left in tmp_path.iterdir()] == ["a.mp4"]
 
 
 def test_what_prevented_a_part_is_noted_with_what_ended_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(running, "PART_S", 2.0)
-    from test_run import nothing
-
     ended, add = threading.Event(), running._Parts.add_writing_to
 
     def adds(parts, problem):
@@ -304,10 +295,8 @@ def test_what_prevented_a_part_is_noted_with_what_ended_the_run(tmp_path, monkey
 
     monkeypatch.setattr(running, "_write", full)
     monkeypatch.setattr(running._Parts, "add_writing_to", adds)
-    path = film(tmp_path / "a.mp4", np.arange(30) / 9)
     with pytest.raises(SourceError, match="the picture is gone") as found:
-        running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
-                    RunOptions(live=True, video=False), progress=stop)  # fmt: skip
+        run_live(tmp_path, 30, progress=stop)
     assert "No space left" in found.value.__notes__[0]
     assert [left.name for left in tmp_path.iterdir()] == ["a.mp4"]
 
@@ -320,11 +309,8 @@ def test_what_prevented_a_part_is_noted_with_what_ended_the_run(tmp_path, monkey
     ],
 )
 def test_a_live_run_on_a_file_says_what_it_uses_of_the_controller(tmp_path, clock_sd_s, used):
-    from test_run import nothing
-
     time, lines = np.arange(60) / 10, []
     reported = Controller(time, 0.1 * time, 20 + 0 * time, 15 + 0 * time, clock_sd_s=clock_sd_s)
     instrument = Pipeline(nothing, None, controller=reported)
-    path, options = film(tmp_path / "a.mp4", np.arange(20) / 9), RunOptions(live=True, video=False)
-    running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), None, instrument, options, report=lines.append)
+    run_live(tmp_path, 20, None, instrument, report=lines.append)
     assert lines == [f"tilt: by rope-aware; of the controller the rope length is used{used}"]
