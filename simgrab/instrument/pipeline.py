@@ -251,14 +251,17 @@ class Pipeline:
         controller, clock = self.controller, None
         if controller is not None:
             controller, clock = on_clock(controller, record)
-        estimator = informed(self.chosen(calibration), controller, record.pixel_sd, self._calibrated(record.time))
+        when, until_s = record.time, self.calibrate_s
+        if when is not None and until_s is not None and len(when):
+            when = when[when < when[0] + until_s]
+        estimator = informed(self.chosen(calibration), controller, record.pixel_sd, when)
         estimate, tilt, why = None, self._tilt(calibration), ""
         if tilt is not None:
             record = record.with_lengths(controller)
         else:
-            if self.calibrate_s is not None and record.time is None:
+            if until_s is not None and record.time is None:
                 raise RunError("independent frames have no first part to calibrate on")
-            record, estimate, why = solve(record, calibration, estimator, controller, self.calibrate_s)
+            record, estimate, why = solve(record, calibration, estimator, controller, until_s)
             if not estimate.ok:
                 nothing = np.full((len(observations), 3), np.nan)
                 refused = f"no tilt: {estimate.reason}"
@@ -271,10 +274,10 @@ class Pipeline:
         if controller is not None and record.time is not None and controller.clock_sd_s <= LATE_S:
             radii = controller.radii(record.time)
         alpha, ends, swing = angles.by_tilt(record, tilt, calibration, radii)
-        if estimate is not None and self.calibrate_s is None:
+        if estimate is not None and until_s is None:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
-        measures_lean = moving(estimator) and estimate is not None and self.calibrate_s is None
+        measures_lean = moving(estimator) and estimate is not None and until_s is None
         pitched = tilt.pitched(radii)
         firm = ends if record.time is None or measures_lean else angles.without_lean(alpha, ends, calibration, pitched)
         ahead_s = None
@@ -282,7 +285,7 @@ class Pipeline:
             # Forecasts rest on the tilt of all of the record, but on no later frames.
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, firm, calibration.focal_length_px)
         stated = swing if still(calibration, estimator) else None
-        if estimate is not None and self.calibrate_s is None and estimate.swing is not None:
+        if estimate is not None and until_s is None and estimate.swing is not None:
             stated = estimate.swing
         measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=stated, firm=firm)
         followed = pitched is not None and bool(pitched.any())
@@ -291,12 +294,6 @@ class Pipeline:
     def _tilt(self, calibration: Calibration) -> Known | None:
         """Return the given tilt, for the camera's roll."""
         return None if self.tilt is None else self.tilt.on(calibration.mount).rolled(calibration.roll_deg)
-
-    def _calibrated(self, time: Array | None) -> Array | None:
-        """Select the times of the frames, of (n,), that the tilt is estimated from."""
-        if time is None or self.calibrate_s is None or not len(time):
-            return time
-        return time[time < time[0] + self.calibrate_s]
 
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""

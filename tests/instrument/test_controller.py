@@ -596,10 +596,14 @@ def test_another_record_is_refused():
         clock_offset(reading(), frames + 95, displayed(frames, 0.5))
 
 
+def without_display(crane):
+    return [msgspec.structs.replace(s, rope_status="", hoist_m=None, rope_text=None) for s in crane.observations(1.0)]
+
+
 def test_the_controllers_rope_replaces_a_display():
     crane = swinging.record(frames=450)
     camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
-    blind = [msgspec.structs.replace(s, rope_status="", hoist_m=None, rope_text=None) for s in crane.observations(1.0)]
+    blind = without_display(crane)
     data = Controller(crane.time, rope=crane.rope, notes=("one row refused",))
     pipeline = Pipeline(nobody, None, controller=data)
     found = pipeline.conclude(blind, camera)
@@ -629,7 +633,7 @@ def test_the_rope_is_that_of_the_clock_that_the_swing_shows(late_s):
     """Without a display, and a controller that is late."""
     crane = swinging.record(frames=400, seed=104)
     camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
-    blind = [msgspec.structs.replace(s, rope_status="", hoist_m=None, rope_text=None) for s in crane.observations(1.0)]
+    blind = without_display(crane)
     late = np.arange(crane.time[0], crane.time[-1], 0.05)
     series = [np.interp(late, crane.time, of) for of in (*crane.jib.T, crane.rope)]
     data = Controller(late + late_s, *series, 1e-4, 0.003, clock_sd_s=1.0)

@@ -4,7 +4,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save, with_metadata
+from nets import CELLS, SIDE, constant_yolo, hand_made, info, rows, save, with_metadata
 
 from simgrab.errors import DetectorError
 from simgrab.instrument import detect
@@ -328,7 +328,7 @@ def test_a_free_size_is_the_one_it_was_trained_at(tmp_path):
 
 def half_precision(path):
     cast, shape = helper.make_node("Cast", ["images"], ["output"], to=TensorProto.FLOAT), [1, 3, 640, 640]
-    return save(path, [cast], [("images", TensorProto.FLOAT16, shape)], [("output", shape)])
+    return save(path, [cast], [info("images", shape, TensorProto.FLOAT16)], [info("output", shape)])
 
 
 def test_outputs_besides_the_boxes_may_be_of_any_type(tmp_path):

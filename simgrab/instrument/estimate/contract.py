@@ -182,49 +182,46 @@ class FrameEstimator(Estimator):
         """Solve M records, each with enough frames."""
 
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
-        return conclude(self.name, frames, self._solve(frames, calibration), self.intervals)
+        """Angles of every frame, σ, and the intervals of all three, from a solution."""
+        solution, settings = self._solve(frames, calibration), self.intervals
+        ok = np.array([not r for r in solution.reason], bool)
+        beta = np.where(ok, solution.beta, np.nan)
+        azimuth = np.where(ok, solution.azimuth, np.nan)
+        swing = tangent_basis(beta, azimuth) @ frames.rays if solution.swing is None else solution.swing
+        alpha, unit = angles_of(swing)
+        alpha = np.where(frames.present, alpha, 0.0)
+        sigma2 = frames.mean(alpha**2)
+        influence = np.concatenate([solution.influence, _of_sigma2(frames, solution, alpha, unit, sigma2)], axis=1)
+        sigma = np.sqrt(sigma2)
+        # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
+        bare = 2 * (1 - np.linalg.norm(frames.mean(frames.rays), axis=-1)) < NO_SCATTER**2
 
+        def made(kind: str, covariance: Array, skew: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
+            q = iv.student(iv.LEVEL, degrees)
+            covariance = covariance if solution.known is None else covariance + solution.known
+            cov = covariance[:, :-1, :-1].copy()
+            cov[:, [0, 1], [0, 1]] += settings.lean_variance
+            of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
+            if solution.reach is not None:
+                below, above = (iv.radial(beta, (far / q) ** 2, cov[:, 1, 1], q) for far in solution.reach(cov, q))
+                of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
+            of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skew, q)
+            of_alpha = alpha_ends(alpha, unit, cov, q, solution.lever, frames.noise, solution.radial)
+            of_alpha = np.where(frames.present[..., None], of_alpha, np.nan)
+            for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
+                ends[bare] = np.nan
+            return Intervals(kind, iv.LEVEL, of_beta, of_sigma, of_alpha, blocks, note, cov)
 
-def conclude(name: str, frames: Frames, solution: Solution, settings: IntervalSettings) -> Estimates:
-    """Angles of every frame, σ, and the intervals of all three, from a solution."""
-    ok = np.array([not r for r in solution.reason], bool)
-    beta = np.where(ok, solution.beta, np.nan)
-    azimuth = np.where(ok, solution.azimuth, np.nan)
-    swing = tangent_basis(beta, azimuth) @ frames.rays if solution.swing is None else solution.swing
-    alpha, unit = angles_of(swing)
-    alpha = np.where(frames.present, alpha, 0.0)
-    sigma2 = frames.mean(alpha**2)
-    influence = np.concatenate([solution.influence, _of_sigma2(frames, solution, alpha, unit, sigma2)], axis=1)
-    sigma = np.sqrt(sigma2)
-    # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
-    bare = 2 * (1 - np.linalg.norm(frames.mean(frames.rays), axis=-1)) < NO_SCATTER**2
-
-    def made(kind: str, covariance: Array, skewness: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
-        q = iv.student(iv.LEVEL, degrees)
-        covariance = covariance if solution.known is None else covariance + solution.known
-        cov = covariance[:, :-1, :-1].copy()
-        cov[:, [0, 1], [0, 1]] += settings.lean_variance
-        of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
-        if solution.reach is not None:
-            below, above = (iv.radial(beta, (far / q) ** 2, cov[:, 1, 1], q) for far in solution.reach(cov, q))
-            of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
-        of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skewness, q)
-        of_alpha = alpha_ends(alpha, unit, cov, q, solution.lever, frames.noise, solution.radial)
-        of_alpha = np.where(frames.present[..., None], of_alpha, np.nan)
-        for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
-            ends[bare] = np.nan
-        return Intervals(kind, iv.LEVEL, of_beta, of_sigma, of_alpha, blocks, note, cov)
-
-    independent, skewness = iv.independent(frames.time, frames.count, settings), iv.skewness(influence[:, -1])
-    covariance = iv.iid_covariance(influence, frames.count, independent)
-    apart = "" if frames.time is None or not settings.apart_s else f"of frames {settings.apart_s:g} s apart"
-    kinds = [made("iid", covariance, skewness, independent - 1, None, apart)]
-    if not settings.apart_s:
-        kinds.append(_by_blocks(frames, influence, settings, made))
-    return Estimates(
-        name, ok, np.array(solution.reason, str), frames.count.astype(np.int64), beta, azimuth, sigma,
-        np.where(frames.present, alpha, np.nan), solution.offset, tuple(kinds), solution.diagnostics,
-    )  # fmt: skip
+        independent, skewness = iv.independent(frames.time, frames.count, settings), iv.skewness(influence[:, -1])
+        covariance = iv.iid_covariance(influence, frames.count, independent)
+        apart = "" if frames.time is None or not settings.apart_s else f"of frames {settings.apart_s:g} s apart"
+        kinds = [made("iid", covariance, skewness, independent - 1, None, apart)]
+        if not settings.apart_s:
+            kinds.append(_by_blocks(frames, influence, settings, made))
+        return Estimates(
+            self.name, ok, np.array(solution.reason, str), frames.count.astype(np.int64), beta, azimuth, sigma,
+            np.where(frames.present, alpha, np.nan), solution.offset, tuple(kinds), solution.diagnostics,
+        )  # fmt: skip
 
 
 def angles_of(swing: Array) -> tuple[Array, Array]:

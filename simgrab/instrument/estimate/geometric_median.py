@@ -53,7 +53,8 @@ class GeometricMedian(FrameEstimator):
         while active.any():
             index = np.flatnonzero(active)
             some, at = frames.rows(active), down[index]
-            pull, hessian = _derivatives(some, at, epsilon[index])
+            z, w = _weights(some, at, epsilon[index] ** 2)
+            pull, hessian = _pull(some, at, w), _hessian(some, at, z, w)
             length = np.linalg.norm(pull, axis=-1)
             worse = (length > size[index]) & (scale[index] > 1e-6)
             good, bad = index[~worse], index[worse]
@@ -89,11 +90,6 @@ def _hessian(frames: Frames, down: Array, z: Array, w: Array) -> Array:
     second = plane @ second @ plane + (zw.sum(axis=-1) / frames.count)[:, None, None] * plane
     # Collinear rays leave one direction flat; a millionth of the other keeps the step finite.
     return np.asarray(second + 1e-6 * np.trace(second, axis1=1, axis2=2)[:, None, None] * plane + along)
-
-
-def _derivatives(frames: Frames, down: Array, epsilon: Array) -> tuple[Array, Array]:
-    z, w = _weights(frames, down, epsilon**2)
-    return _pull(frames, down, w), _hessian(frames, down, z, w)
 
 
 def _influence(frames: Frames, beta: Array, azimuth: Array, epsilon: Array) -> tuple[Array, Array]:

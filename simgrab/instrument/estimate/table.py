@@ -31,8 +31,9 @@ def show(estimate: Estimate, console: Console | None = None) -> None:
     table.add_row("tilt β (deg)", f"{np.rad2deg(estimate.beta):.3f}", *(_ends(i.beta) for i in kinds))
     table.add_row("tilt azimuth (deg)", f"{np.rad2deg(estimate.tilt_azimuth):.2f}", *("" for _ in kinds))
     table.add_row("swing σ (deg)", f"{np.rad2deg(estimate.sigma):.3f}", *(_ends(i.sigma) for i in kinds))
-    alpha = np.rad2deg(estimate.alpha[np.isfinite(estimate.alpha)])
-    table.add_row("largest α (deg)", f"{alpha.max():.3f}", *(_ends(_of_largest(estimate, i)) for i in kinds))
+    largest = int(np.nanargmax(estimate.alpha))
+    of_largest = (_ends(None if i.alpha is None else i.alpha[largest]) for i in kinds)
+    table.add_row("largest α (deg)", f"{np.rad2deg(estimate.alpha[largest]):.3f}", *of_largest)
     share, low, high = (None if one is None else f"{100 * one:.2f}" for one in above(estimate).values())
     reach = [f"{low} to {high}" if i.alpha is not None and low else "" for i in kinds[:1]]
     table.add_row("frames with α above 10° (%)", share, *reach, *("" for _ in kinds[1:]))
@@ -51,8 +52,3 @@ def _heading(interval: Intervals) -> str:
 
 def _ends(ends: Array | None) -> str:
     return "" if ends is None else "{:.3f} to {:.3f}".format(*np.rad2deg(ends))
-
-
-def _of_largest(estimate: Estimate, interval: Intervals) -> Array | None:
-    assert estimate.alpha is not None
-    return None if interval.alpha is None else np.asarray(interval.alpha[int(np.nanargmax(estimate.alpha))])

@@ -71,6 +71,7 @@ class InertialTracker:
         self.smoother, self.calibration, self._imu = smoother, calibration, smoother.imu
         self.waiting, self.direction, self._last = "", np.full(2, np.nan), np.nan
         self._thread = ThreadPoolExecutor(1)
+        self._due: float
         self._restart("")
 
     def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
@@ -116,8 +117,7 @@ class InertialTracker:
         return NOTHING if pixel is None else self._swing(time, pixel, rope)
 
     def _restart(self, reason: str) -> None:
-        self._refused, self._jobs = reason, 0
-        self._due: float = np.nan
+        self._refused, self._jobs, self._due = reason, 0, np.nan
         self._now: tuple[Sensed, _Tilt] | None = None
         self._next: Future[tuple[Sensed, _Tilt] | str] | None = None
         self._kept: list[Kept] = []
