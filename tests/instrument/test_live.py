@@ -1,8 +1,6 @@
 """A live run for hours: faults are found and reported, the controller's file is followed, memory is bounded."""
 
-import socket
 import threading
-import tomllib
 
 import msgspec
 import numpy as np
@@ -10,6 +8,7 @@ import pytest
 import swinging
 import tomli_w
 from films import film
+from streams import over_tcp
 from test_pipeline import lives, made
 from test_run import CAMERA, nothing
 
@@ -100,13 +99,11 @@ def test_a_stream_that_is_measured_late_is_reported_and_so_is_its_end():
     assert said[9] == "frames are measured in time again"
 
 
-def followed(folder, unit="s"):
-    one = {"rate_hz": 10.0, "resolution": 0.01}
-    facts = {
-        "time": {"column": "t", "unit": unit},
-        "rope": {"column": "rope", **one},
-        "slew": {"column": "slew", **one},
-    }
+ROPE, SLEW = ({"column": name, "rate_hz": 10.0, "resolution": 0.01} for name in ("rope", "slew"))
+
+
+def followed(folder, unit="s", **more):
+    facts = {"time": {"column": "t", "unit": unit}, "rope": ROPE, "slew": SLEW} | more
     path = folder / "crane.csv"
     path.with_suffix(".toml").write_text(tomli_w.dumps(facts))
     path.write_text("t,rope,slew\n" + "5,1,1\n" * 100)
@@ -167,27 +164,21 @@ def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("slew", "others", "states"),
+    ("more", "states"),
     [
-        ({}, {"radius": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01}}, True),
-        ({}, {"luff": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01, "jib_m": 30.0}}, True),
-        ({}, {}, False),
-        ({"rate_hz": 1.0}, {"radius": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01}}, False),
+        ({"radius": ROPE}, True),
+        ({"luff": ROPE | {"jib_m": 30.0}}, True),
+        ({}, False),
+        ({"slew": SLEW | {"rate_hz": 1.0}, "radius": ROPE}, False),
     ],
 )
-def test_motion_is_followed_in_slew_and_radius_that_come_as_often_as_anything_else(tmp_path, slew, others, states):
-    path = followed(tmp_path)
-    about = tomllib.loads(path.with_suffix(".toml").read_text())
-    about["slew"] |= slew
-    path.with_suffix(".toml").write_text(tomli_w.dumps(about | others))
-    assert ControllerFeed(path).states_motion == states
+def test_motion_is_followed_in_slew_and_radius_that_come_as_often_as_anything_else(tmp_path, more, states):
+    assert ControllerFeed(followed(tmp_path, **more)).states_motion == states
 
 
 def test_a_wind_that_comes_seldom_does_not_disturb_what_is_followed(tmp_path):
-    path = followed(tmp_path)
-    about = tomllib.loads(path.with_suffix(".toml").read_text())
-    wind = {"wind": {"column": "wind", "rate_hz": 0.01, "resolution": 0.1}}
-    path.with_suffix(".toml").write_text(tomli_w.dumps(about | wind))
+    wind = {"column": "wind", "rate_hz": 0.01, "resolution": 0.1}
+    path = followed(tmp_path, wind=wind)
     path.write_text("t,rope,slew,wind\n")
     feed = ControllerFeed(path)
     feed.poll(0.0, 0.0)
@@ -196,7 +187,7 @@ def test_a_wind_that_comes_seldom_does_not_disturb_what_is_followed(tmp_path):
             file.write(f"{i / 10},{20 + i / 100},1,\n")
         reported = feed.poll(i / 10, i / 10)
     assert reported.rope_at(np.array([3.9]))[0] == pytest.approx(20.39)
-    path.with_suffix(".toml").write_text(tomli_w.dumps({"time": about["time"]} | wind))
+    path.with_suffix(".toml").write_text(tomli_w.dumps({"time": {"column": "t"}, "wind": wind}))
     with pytest.raises(RecordError, match="does not read the wind; state it by --wind-m-s"):
         ControllerFeed(path)
 
@@ -212,17 +203,8 @@ def test_a_lost_stream_is_connected_again_and_a_jump_of_its_stamps_is_no_gap(tmp
     monkeypatch.setattr(video, "RETRY_S", 0.2)
     monkeypatch.setattr(video, "GIVE_UP_S", 1.0)
     first, later = (film(tmp_path / f"{s}.ts", s + np.arange(30) / 9).read_bytes() for s in (0, 4000))
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def serve():
-            for data in (first + later, first):
-                connection, _ = server.accept()
-                with connection:
-                    connection.sendall(data)
-            server.close()
-
-        threading.Thread(target=serve, daemon=True).start()
-        frames = list(open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}"))
+    with over_tcp(first + later, first) as url:
+        frames = list(open_source(url))
     times = np.array([frame.time_s for frame in frames])
     notes = [frame.note for frame in frames if frame.note]
     assert (np.diff(times) > 0).all()

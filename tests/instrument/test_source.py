@@ -15,7 +15,7 @@ import pytest
 from av.filter import Graph
 from av.stream import Disposition
 from films import SIZE, film, picture
-from streams import over_http, over_rtsp
+from streams import over_http, over_rtsp, over_tcp
 
 from simgrab.errors import SourceError
 from simgrab.instrument import video
@@ -385,15 +385,8 @@ def test_what_cannot_be_a_source_is_named(tmp_path, monkeypatch):
 
 def test_a_stream_is_read_once_and_gives_what_came_before_it_broke(tmp_path):
     data = film(tmp_path / "a.mkv", even(40)).read_bytes()
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def serve():
-            connection, _ = server.accept()
-            with connection:
-                connection.sendall(data[: len(data) * 3 // 4])
-
-        threading.Thread(target=serve, daemon=True).start()
-        source = open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+    with over_tcp(data[: len(data) * 3 // 4]) as url:
+        source = open_source(url)
         frames = list(source)
     assert source.live
     seen = [f for f in frames if f.picture is not None]

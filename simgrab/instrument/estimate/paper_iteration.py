@@ -95,10 +95,11 @@ class PaperIteration(FrameEstimator):
 
     def _iterate(
         self, frames: Frames, p: Array, c: Array, mean_c: Array, beta0: Array, kurtosis: Array
-    ) -> tuple[Array, Array, tuple[Array, Array], list[str]]:
+    ) -> tuple[Array, Array, Array, list[str]]:
         m = len(beta0)
         beta, sigma2 = beta0.copy(), np.full(m, np.nan)
-        betas, sigma2s = [beta0.copy()], [np.full(m, np.nan)]
+        history = np.full((2, m, self.max_iterations + 1), np.nan)
+        history[0, :, 0] = beta0
         reason = ["not run"] * m
         active = np.ones(m, bool)
         for t in range(self.max_iterations):
@@ -118,15 +119,11 @@ class PaperIteration(FrameEstimator):
             for i in index[small]:
                 reason[i] = ""
             beta[index], sigma2[index] = new, new_sigma2
-            betas.append(np.where(active, beta, np.nan))
-            sigma2s.append(np.where(active, sigma2, np.nan))
+            history[:, index, t + 1] = new, new_sigma2
             active[index] = ~small & (argument <= 1)
         for i in np.flatnonzero(active):
             reason[i] = f"not converged in {self.max_iterations} iterations"
-        histories = [np.full((m, self.max_iterations + 1), np.nan) for _ in range(2)]
-        for history, steps in zip(histories, (betas, sigma2s), strict=True):
-            history[:, : len(steps)] = np.stack(steps, axis=-1)
-        return beta, sigma2, (histories[0], histories[1]), reason
+        return beta, sigma2, history, reason
 
     def _influence(self, frames: Frames, direction: Array, beta: Array, sigma2: Array, c: Array) -> Array:
         """Influence (M, 2, n): of the two equations at their fixed point, and of the circular median."""
