@@ -60,7 +60,8 @@ class PaperIteration(FrameEstimator):
         c = -frames.rays[:, 2]  # h/√(m²+h²)
         p = np.cos(direction)[:, None] * frames.rays[:, 0] + np.sin(direction)[:, None] * frames.rays[:, 1]
         mean_c = frames.mean(c)
-        kurtosis = _kurtosis(frames, c)
+        psi2 = 2 * (1 - c) + (1 - c) ** 2 / 3  # ψ² to sixth order
+        kurtosis = frames.mean(psi2**2) / np.maximum(frames.mean(psi2) ** 2, 1e-300)
         beta0 = self._start(frames, direction)
         beta, sigma2, history, reason = self._iterate(frames, p, c, mean_c, beta0, kurtosis)
         azimuth = (direction + np.pi) % (2 * np.pi)
@@ -141,11 +142,6 @@ class PaperIteration(FrameEstimator):
         if self.axis == "circular-median":
             result[:, 1] = np.sin(beta)[:, None] * _median_influence(frames, direction)
         return result * frames.present[:, None]
-
-
-def _kurtosis(frames: Frames, c: Array) -> Array:
-    psi2 = 2 * (1 - c) + (1 - c) ** 2 / 3  # ψ² to sixth order
-    return np.asarray(frames.mean(psi2**2) / np.maximum(frames.mean(psi2) ** 2, 1e-300))
 
 
 def _why(step: int, argument: float, start: float, kurtosis: float) -> str:

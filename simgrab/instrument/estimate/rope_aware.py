@@ -15,6 +15,7 @@ from simgrab.model.geometry import Array, lean
 
 HUBER = 2.0  # multiple of the swings' typical size per axis, beyond which they keep their direction with less weight
 TOLERANCE, MAX_ITERATIONS = 1e-8, 50  # the iteration ends when its next step would be shorter, rad
+NOT_CONVERGED = f"not converged in {MAX_ITERATIONS} iterations"
 BEYOND_GRAB = "the camera is farther from the rope exit than the grab: is offset_m in metres, and the rope's length?"
 
 
@@ -47,7 +48,10 @@ class RopeAware(FrameEstimator):
         turned[:, 4, 4] = 1
         swing = along_tilt(fit.swing, azimuth)
         return Solution(
-            reason=[self._why(e, bool(np.isfinite(b))) for e, b in zip(fit.error, beta, strict=True)],
+            reason=[
+                BEYOND_GRAB if np.isnan(b) else "" if e <= TOLERANCE else NOT_CONVERGED
+                for e, b in zip(fit.error, beta, strict=True)
+            ],
             beta=beta,
             azimuth=azimuth,
             influence=_influence(frames, fit, swing[:, :2], precision),
@@ -88,11 +92,6 @@ class RopeAware(FrameEstimator):
                 break
         swing = _moved(swing, turn, shift, lever)
         return RopeFit(down, offset, error, iterations, lever, swing, limit, sums)
-
-    def _why(self, error: float, finite: bool) -> str:
-        if not finite:
-            return BEYOND_GRAB
-        return "" if error <= TOLERANCE else f"not converged in {MAX_ITERATIONS} iterations"
 
 
 @dataclass(frozen=True)

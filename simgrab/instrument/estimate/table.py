@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from simgrab.instrument.estimate.measure import above
 from simgrab.model.geometry import Array
-from simgrab.model.records.estimates import Estimate, Intervals
+from simgrab.model.records.estimates import Estimate
 from simgrab.reports.terminal import cell, stdout
 
 
-def show(estimate: Estimate, console: Console | None = None) -> None:
+def show(estimate: Estimate) -> None:
     """Print an estimate, or the reason of its refusal."""
-    console = console or stdout()
+    console = stdout()
     if not estimate.ok:
         console.print(cell(f"{estimate.estimator}: refused. {estimate.reason}"), soft_wrap=True)
         return
@@ -27,7 +26,8 @@ def show(estimate: Estimate, console: Console | None = None) -> None:
     table.add_column("estimate", justify="right")
     kinds = [i for i in estimate.intervals if i.sigma is not None]
     for interval in kinds:
-        table.add_column(_heading(interval), justify="center")
+        kind = f"{interval.blocks} blocks" if interval.blocks is not None else interval.kind
+        table.add_column(f"{100 * interval.level:g} %, {kind}", justify="center")
     table.add_row("tilt β (deg)", f"{np.rad2deg(estimate.beta):.3f}", *(_ends(i.beta) for i in kinds))
     table.add_row("tilt azimuth (deg)", f"{np.rad2deg(estimate.tilt_azimuth):.2f}", *("" for _ in kinds))
     table.add_row("swing σ (deg)", f"{np.rad2deg(estimate.sigma):.3f}", *(_ends(i.sigma) for i in kinds))
@@ -43,11 +43,6 @@ def show(estimate: Estimate, console: Console | None = None) -> None:
     for interval in estimate.intervals:
         if interval.note:
             console.print(f"{interval.kind} intervals: {interval.note}", soft_wrap=True)
-
-
-def _heading(interval: Intervals) -> str:
-    kind = f"{interval.blocks} blocks" if interval.blocks is not None else interval.kind
-    return f"{100 * interval.level:g} %, {kind}"
 
 
 def _ends(ends: Array | None) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from simgrab.instrument.alarm import DANGER, QUIET_S, RELEASED_AT, SCALE
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.video import UNTIMED_HZ
 from simgrab.io.pictures import encode
 from simgrab.io.playback import FRAGMENTED
 
@@ -30,7 +31,6 @@ _QUALITY = 80
 _CALM: Colour = (70, 200, 90)
 _DANGEROUS: Colour = (255, 60, 50)
 _NOTHING: Colour = (160, 160, 160)
-_UNTIMED_HZ = 9
 
 
 class OverlayVideo:
@@ -82,7 +82,7 @@ class OverlayVideo:
         if measured.alpha is not None:
             self._keep(frame.time_s, measured.alpha, drawn)
         if self._file is not None:
-            self._send(drawn, self._index / _UNTIMED_HZ if frame.time_s is None else frame.time_s)
+            self._send(drawn, self._index / UNTIMED_HZ if frame.time_s is None else frame.time_s)
 
     def _send(self, picture: Picture, time_s: float) -> None:
         assert self._file is not None
