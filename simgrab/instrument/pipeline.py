@@ -372,7 +372,7 @@ class Pipeline:
                 old = _before(observations, start)
                 del observations[:old], lengths[:old]
             seconds = time.perf_counter() - begun
-            yield Live(frame, observations[-1], measured, used, seconds, watch.found(at))
+            yield Live(frame, measured, used, seconds, watch.found(at))
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,7 +380,6 @@ class Live:
     """One frame of a live record: its measurement, the tilt used, the time taken, s, and faults found."""
 
     frame: Frame
-    observation: Observation
     measurement: Measurement
     tilt: Known | None
     seconds: float

@@ -7,7 +7,6 @@ import pytest
 from nets import CELLS, SIDE, constant_yolo, hand_made, info, rows, save, with_metadata
 
 from simgrab.errors import DetectorError
-from simgrab.instrument import detect
 from simgrab.instrument.detect import WEIGHTS, GrabDetector, Yolo, detector
 from simgrab.instrument.detect.boxes import covered, iou
 from simgrab.instrument.detect.grab import POSE, Settings, peaks, read
@@ -402,16 +401,9 @@ def test_what_is_no_detector_is_refused(tmp_path):
             detector(ours)
 
 
-def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(detect, "WEIGHTS", tmp_path)
-    with pytest.raises(DetectorError, match=r"^no weights are bundled: name a folder"):
-        detector()
-
-
 def test_a_detector_is_called_by_its_folder(tmp_path):
     assert detector(hand_made(tmp_path / "mine") / "pose.onnx").name == "mine"
 
 
-@pytest.mark.skipif(not (WEIGHTS / "coarse.onnx").exists(), reason="no detector's weights are bundled")
 def test_the_bundled_detector_is_called_so():
     assert detector().name == detector(WEIGHTS).name == "bundled"

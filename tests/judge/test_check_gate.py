@@ -966,12 +966,9 @@ def test_the_command_fails_with_status_1(shell, tmp_path):
         ("no_such_module.y:any", f" {Path.cwd()}, "),
         ("no_such_module:x", "no_such_module:x: cannot be imported"),  # to rich, ":x:" is an emoji
         ("pipelines", "package.module:factory"),
-        ("bundled", "weights"),
     ],
 )
 def test_an_instrument_that_cannot_be_had_is_a_failure(shell, tmp_path, name, cause):
-    if name == "bundled" and (Path(__file__).parents[2] / "assets" / "weights" / "coarse.onnx").exists():
-        pytest.skip("the detector's weights are bundled")
     status, out = shell("--instrument", name, "--quiet")
     assert status == 1
     assert cause in out
