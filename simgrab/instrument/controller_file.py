@@ -160,10 +160,6 @@ class Luff(Quantity, frozen=True, kw_only=True):
     pivot_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
 
 
-class RopeLength(Length, frozen=True, kw_only=True):
-    """Length of the hoisting rope, |OA|."""
-
-
 class Wind(Quantity, frozen=True, kw_only=True):
     """Speed of the wind, by the crane's anemometer."""
 
@@ -187,7 +183,8 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     slew : Slew or None
     radius : Radius or None
     luff : Luff or None
-    rope : RopeLength or None
+    rope : Length or None
+        Of the hoisting rope, |OA|.
     wind : Wind or None
     load : Load or None
     longest_gap_s : float
@@ -200,7 +197,7 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     slew: Slew | None = None
     radius: Radius | None = None
     luff: Luff | None = None
-    rope: RopeLength | None = None
+    rope: Length | None = None
     wind: Wind | None = None
     load: Load | None = None
     longest_gap_s: Annotated[float, Meta(gt=0, le=60)] = 2.0

@@ -160,8 +160,6 @@ class Pipeline:
     def chosen(self, calibration: Calibration, *, live: bool = False) -> Estimator:
         """Choose the estimator for a camera.
 
-        Of a whole record with a controller that reports slewing or luffing, it is `PendulumSmoother`, which uses them.
-
         Raises
         ------
         RunError

@@ -36,14 +36,11 @@ class GeometricMedian(FrameEstimator):
         down, iterations = self._minimise(frames, start, epsilon)
         beta, azimuth = tilt_of(down)
         influence, slope = _influence(frames, beta, azimuth, epsilon)
+        reason = ["" if i < MAX_ITERATIONS else f"no minimum in {MAX_ITERATIONS} steps" for i in iterations]
         return Solution(
-            reason=["" if i < MAX_ITERATIONS else f"no minimum in {MAX_ITERATIONS} steps" for i in iterations],
-            beta=beta,
-            azimuth=azimuth,
-            influence=influence,
+            reason, beta, azimuth, influence, diagnostics={"iterations": iterations},
             reach=lambda covariance, q: _reach(frames, beta, azimuth, epsilon, slope, covariance, q),
-            diagnostics={"iterations": iterations},
-        )
+        )  # fmt: skip
 
     def _minimise(self, frames: Frames, start: Array, epsilon: Array) -> tuple[Array, NDArray[np.int64]]:
         """Newton steps, halved until the gradient shrinks; by convexity it does for short steps."""

@@ -30,11 +30,6 @@ class MeanRay(FrameEstimator):
         length = np.linalg.norm(mean, axis=-1)
         beta, azimuth = tilt_of(mean)
         kappa = length * (3 - length**2) / np.maximum(1 - length**2, _LEAST)
-        return Solution(
-            reason=[""] * len(mean),
-            beta=beta,
-            azimuth=azimuth,
-            # A ray moves the mean direction by its part across that direction, over the mean's length R̄.
-            influence=tangent_basis(beta, azimuth)[:, :2] @ frames.rays / length[:, None, None],
-            diagnostics={"kappa": kappa},
-        )
+        # A ray moves the mean direction by its part across that direction, over the mean's length R̄.
+        influence = tangent_basis(beta, azimuth)[:, :2] @ frames.rays / length[:, None, None]
+        return Solution([""] * len(mean), beta, azimuth, influence, diagnostics={"kappa": kappa})

@@ -66,18 +66,9 @@ class PaperIteration(FrameEstimator):
         beta, sigma2, history, reason = self._iterate(frames, p, c, mean_c, beta0, kurtosis)
         azimuth = (direction + np.pi) % (2 * np.pi)
         count = np.sum(np.isfinite(history[0]), axis=-1) - 1
-        return Solution(
-            reason=reason,
-            beta=beta,
-            azimuth=azimuth,
-            influence=self._influence(frames, direction, beta, sigma2, c),
-            diagnostics={
-                "iterations": count,
-                "beta_history": history[0],
-                "sigma2_history": history[1],
-                "kurtosis": kurtosis,
-            },
-        )
+        influence = self._influence(frames, direction, beta, sigma2, c)
+        diagnostics = {"beta_history": history[0], "sigma2_history": history[1], "kurtosis": kurtosis}
+        return Solution(reason, beta, azimuth, influence, diagnostics={"iterations": count} | diagnostics)
 
     def _axis(self, frames: Frames, calibration: Calibration) -> Array:
         """Direction of C'G' in the mount frame, counter-clockwise about z, shape (M,)."""
