@@ -92,8 +92,6 @@ class OverlayVideo:
             self._stream.height, self._stream.width = picture.shape[:2]
             self._stream.pix_fmt = "yuv420p"
             self._stream.time_base = self._stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)
-        if picture.shape[:2] != (self._stream.height, self._stream.width):
-            return
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
         self._pts = max(round((time_s - self._start) * _TICKS_PER_S), self._pts + 1)
         frame.pts, frame.time_base = self._pts, Fraction(1, _TICKS_PER_S)
