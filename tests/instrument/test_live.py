@@ -21,6 +21,7 @@ from simgrab.instrument.controller_feed import ControllerFeed
 from simgrab.instrument.estimate import MeanRay
 from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.instrument.faults import Backlog, FaultWatch
+from simgrab.instrument.observation import Observation
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run import run as running
 from simgrab.instrument.run.run import RunOptions
@@ -46,7 +47,7 @@ def test_memory_is_bounded(crane, monkeypatch):
     monkeypatch.setattr(rooms, "KEPT_S", 15.0)
     lengths, estimate = [], PixelRecord.estimate
     monkeypatch.setattr(PixelRecord, "estimate", lambda r, *rest: lengths.append(len(r.time)) or estimate(r, *rest))
-    list(made(estimator=MeanRay()).live([Frame(None, i / 9, "lost") for i in range(800)], crane.calibration))
+    lives([Observation(i / 9, lost="lost") for i in range(800)], crane.calibration, estimator=MeanRay())
     assert len(lengths) > 5
     assert max(lengths[1:]) == 15 * 9 + 1
 
