@@ -33,7 +33,7 @@ UNITS = {
     "m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704, "t": 1000.0, "kg": 1.0,
     "deg/s": math.pi / 180, "rad/s": 1.0, "rpm": math.pi / 30, "m/min": 1 / 60,
 }  # fmt: skip
-ANGLES, SPEEDS, MASSES = ("deg", "rad"), ("m/s", "km/h", "kn", "mph"), ("t", "kg")
+_UNITS_OF = {"slew": ("deg", "rad"), "luff": ("deg", "rad"), "wind": ("m/s", "km/h", "kn", "mph"), "load": ("t", "kg")}
 LEAST_ROPE_M, LONGEST_M = 0.5, 200.0  # a grab's centre hangs lower than that below the exit, whatever its rope
 _USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
 # Lowest and highest value and the greatest speed of any such crane, with much to spare, and the unit.
@@ -546,9 +546,8 @@ def _increasing(time: Array) -> NDArray[np.int64]:
 
 def _hint(name: str, raw: Array) -> str:
     """Suggest the units in which readings (n,) would be plausible."""
-    of = {"slew": ANGLES, "luff": ANGLES, "wind": SPEEDS, "load": MASSES}
-    low, high = _LIMITS[name][:2] if name in of else _USUAL_M
-    units = of.get(name, LENGTHS)
+    low, high = _LIMITS[name][:2] if name in _UNITS_OF else _USUAL_M
+    units = _UNITS_OF.get(name, LENGTHS)
     middle = float(np.median(raw)) if len(raw) else math.nan
     fitting = [unit for unit in units if low < middle * UNITS[unit] < high]
     return f"; {middle:g} would be plausible in {' or '.join(fitting)}: see {name}.unit" if fitting else ""
