@@ -197,11 +197,9 @@ def test_later_frames_follow_from_a_tilt_and_the_pitch_by_luffing(roll_deg):
     def followed(tilt, camera, radii):
         given = {"rope_length": crane.rope[later], "time": crane.time[later], "pixel_sd": np.ones(500)}
         alpha, ends, _ = follow(tilt, crane.pixels[later], camera, **given, radii=radii)
-        error, inside = (
-            alpha - crane.alpha[later],
-            (ends.T[0] <= crane.alpha[later]) & (crane.alpha[later] <= ends.T[1]),
-        )
-        return np.degrees(np.sqrt(np.mean(error**2))), np.mean(inside), np.degrees(np.median(np.ptp(ends, axis=1)))
+        true, (low, high) = crane.alpha[later], ends.T
+        error, inside = np.sqrt(np.mean((alpha - true) ** 2)), np.mean((low <= true) & (true <= high))
+        return np.degrees(error), inside, np.degrees(np.median(high - low))
 
     error, inside, width = followed(tilt, camera, exact)
     assert error < 0.15
