@@ -21,13 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from simgrab.instrument import alarm
-from simgrab.instrument.alarm import WARNING
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.controller import Controller
 from simgrab.instrument.controller_feed import KEPT_S
@@ -165,9 +163,10 @@ SIMPLE: dict[str, tuple[Callable[[Clip], Array], float]] = {
 
 def pooled(clips: list[Clip], measurements: list[list[Measurement]], threshold: float) -> dict[str, Any]:
     """Score clips together at a threshold."""
-    rule, some = msgspec.structs.replace(WARNING, raised_at=threshold), slice(FROM, None, EVERY)
+    some = slice(FROM, None, EVERY)
     each = [
-        warnings.score(c["time"][some], m, c["alpha"][some], rule) for c, m in zip(clips, measurements, strict=True)
+        warnings.score(c["time"][some], m, c["alpha"][some], threshold)
+        for c, m in zip(clips, measurements, strict=True)
     ]
     found = {key: sum(s[key] for s in each) for key in ("hours", "events", "missed", "late", "reported", "false")}
     chance = np.array([m.warning for one in measurements for m in one])
@@ -223,7 +222,7 @@ def main(ordinary: int, dangerous: int, first: int, work: Path, workers: int) ->
         def of(some: NDArray[np.int64], threshold: float, found: list[list[Measurement]] = found) -> dict[str, Any]:
             return pooled([clips[i] for i in some], [found[i] for i in some], threshold)
 
-        allowed = [alarm.ALARM.raised_at] if method == PRESENT else THRESHOLDS
+        allowed = [alarm.RAISED_AT] if method == PRESENT else THRESHOLDS
         threshold = next((t for t in allowed if of(fitted_on, t)["per_h"] <= BUDGET_PER_H), allowed[-1])
         for part, some in parts.items():
             f = of(some, threshold)

@@ -24,7 +24,7 @@ from simgrab.dataset import boxed, datasets
 from simgrab.errors import DatasetError
 from simgrab.instrument.detect import detector as opened
 from simgrab.instrument.detect import pictures as detections
-from simgrab.instrument.run.runs import write
+from simgrab.io.files import write
 from simgrab.judge.evaluate import boxed as boxed_scores
 from simgrab.judge.evaluate import detection
 from simgrab.model.records import frame_files

@@ -117,3 +117,19 @@ def _parts(data):
         parts.append(data[4 : 4 + length])
         data = data[4 + length :]
     return parts
+
+
+@contextmanager
+def over_tcp(*contents):
+    """Answer one connection after another with bytes, and none after the last; yields the URL."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            for data in contents:
+                connection, _ = server.accept()
+                with connection:
+                    connection.sendall(data)
+            server.close()
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"tcp://127.0.0.1:{server.getsockname()[1]}"

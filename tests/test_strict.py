@@ -8,8 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from simgrab.errors import CalibrationError, LayoutError, RunError, ScenarioError, SuiteError
-from simgrab.instrument.alarm import Rule
+from simgrab.errors import CalibrationError, LayoutError, ScenarioError, SuiteError
 from simgrab.instrument.estimate.follow import Known
 from simgrab.io.strict import Checked, convert
 from simgrab.io.strict import _fields as types_of
@@ -95,7 +94,6 @@ def test_values_become_what_they_are_from_a_file():
         (lambda: msgspec.structs.replace(CAMERA, focal_length_px=math.inf), CalibrationError, "focal_length_px"),
         (lambda: msgspec.structs.replace(LAYOUT, width_px=100), LayoutError, "outside the picture"),
         (lambda: Known("x", 1, 3.0, 0.0, None, ((1.0,), (1.0, 2.0))), CalibrationError, ""),
-        (lambda: Rule(raised_at=2.0), RunError, "raised_at"),
         (lambda: Limit(), SuiteError, "lower, upper or both"),
         (lambda: Suite("mine", {}), SuiteError, "a suite needs scenes"),
     ],

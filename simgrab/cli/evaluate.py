@@ -23,7 +23,10 @@ def command(run: Path, dataset: Path, start: float | None, html: Path | None, as
     DATASET is the rendered dataset that the run measured, or the rendered video, with its truth table beside it. The
     run may be on a copy of that video that was re-encoded, cut or resampled.
     """
+    from simgrab.errors import RunError
     from simgrab.instrument.run import runs
+    from simgrab.io import files
+    from simgrab.io.destination import writing
     from simgrab.judge.evaluate import truths
     from simgrab.judge.evaluate.evaluation import evaluate
     from simgrab.judge.evaluate.table import tables
@@ -46,5 +49,6 @@ def command(run: Path, dataset: Path, start: float | None, html: Path | None, as
     if html is not None:
         from simgrab.judge.evaluate.page import page
 
-        runs.write(html, page(measured, known, found.to_dict()))
+        with writing(html, RunError):
+            files.write(html, page(measured, known, found.to_dict()))
         click.echo(f"page: {printable(html)}", err=as_json)

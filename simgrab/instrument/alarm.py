@@ -4,53 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Annotated
 
 import msgspec
 import numpy as np
 from scipy import special
 
-from simgrab.errors import RunError
 from simgrab.instrument.contract import Measurement
-from simgrab.io.strict import Checked
 from simgrab.model.geometry import Array
-
-Meta = msgspec.Meta
 
 DANGER = math.radians(10)
 SCALE = math.radians(20)
 _NORMAL = 1.959964  # two-sided, 95 %
 
 
-class Rule(Checked, frozen=True):
-    """When an alarm is raised, and when it ends.
-
-    Attributes
-    ----------
-    raised_at : float
-        Least probability that α exceeds 10°. At 0.5 the alarm depends on α̂ alone. A growing swing on 10 m of rope
-        gains 0.7° from one frame to the next (9 frames/s), so a higher probability delays alarms little, and it
-        suppresses alarms from blurred frames.
-    frames : int
-        Number of consecutive frames with an α that must reach this probability.
-    released_at : float
-        Hysteresis, rad: α must stay below this value for the alarm to end.
-    quiet_s : float
-        Time, s, that α must stay below it: half a period of the longest rope, since a swing passes through 0 between
-        its turning points.
-    """
-
-    error = RunError
-
-    raised_at: Annotated[float, Meta(ge=0, le=1)] = 0.7
-    frames: Annotated[int, Meta(ge=1, le=10_000)] = 1
-    released_at: Annotated[float, Meta(ge=0, le=math.pi)] = math.radians(9)
-    quiet_s: Annotated[float, Meta(ge=0, le=3600)] = 6.0
-
-
-ALARM = Rule()
+# Least probability that α exceeds 10° at which an alarm is raised. At 0.5 it would depend on α̂ alone. A growing swing
+# on 10 m of rope gains 0.7° from one frame to the next (9 frames/s), so a higher probability delays alarms little, and
+# it suppresses alarms from blurred frames.
+RAISED_AT = 0.7
 # Of "will pass 10° within 6 s": fitted to one false warning in an hour of work by `scripts.early_warning`.
-WARNING = Rule(raised_at=0.6)
+WARNED_AT = 0.6
+# An alarm ends once α stays below this value for half a period of the longest rope: a swing passes through 0 between
+# its turning points.
+RELEASED_AT, QUIET_S = math.radians(9), 6.0
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
@@ -139,7 +114,7 @@ def warning(m: Measurement) -> float:
 
 
 def events(
-    times: Array, measurements: Sequence[Measurement], rule: Rule = ALARM,
+    times: Array, measurements: Sequence[Measurement], raised_at: float = RAISED_AT,
     chance: Callable[[Measurement], float] = danger,
 ) -> tuple[Event, ...]:  # fmt: skip
     """Alarms of a record.
@@ -150,27 +125,26 @@ def events(
         Seconds, increasing.
     measurements : sequence of n Measurement
         Frames without an α neither raise nor end an alarm.
-    rule : Rule
+    raised_at : float
     chance : callable
-        The probability that raises an alarm: `danger`, or `warning` for `WARNING`.
+        The probability that raises an alarm at ``raised_at``: `danger`, or `warning` at `WARNED_AT`.
     """
     found: list[Event] = []
-    sure = 0
     since: int | None = None  # frame in which the present alarm was raised
     last = 0
     for i, m in enumerate(measurements):
         if m.alpha is None:
             continue
-        sure = sure + 1 if chance(m) >= rule.raised_at else 0
-        if since is not None and times[i] - times[last] > rule.quiet_s:
+        sure = chance(m) >= raised_at
+        if since is not None and times[i] - times[last] > QUIET_S:
             found.append(_event(times, measurements, since, last, chance, ongoing=False))
             since = None
-        if since is None and sure >= rule.frames:
+        if since is None and sure:
             since = last = i
-        elif since is not None and (sure or m.alpha >= rule.released_at):
+        elif since is not None and (sure or m.alpha >= RELEASED_AT):
             last = i
     if since is not None:
-        quiet = times[-1] - times[last] > rule.quiet_s
+        quiet = times[-1] - times[last] > QUIET_S
         found.append(_event(times, measurements, since, last, chance, ongoing=not quiet))
     return tuple(found)
 

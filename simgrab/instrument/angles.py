@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,7 +17,6 @@ from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
 from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.instrument.forecast import SETTLED_S, Forecast, Forecaster, forecast, joined
 from simgrab.instrument.observation import Observation
-from simgrab.instrument.rope import Rope
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
@@ -34,7 +34,7 @@ class RecordArrays(PixelRecord):
     rope_length : ndarray, shape (n,)
     observations : sequence of n Observation
     jump : ndarray of bool, shape (n,)
-        As `Rope` has it.
+        Frames with a length that the hoist cannot have reached.
     """
 
     rope_length: Array
@@ -46,18 +46,20 @@ class RecordArrays(PixelRecord):
         return np.asarray(np.where(self.pixel_sd > 0, self.pixel_sd, UNSTATED_PX) / focal_px)
 
 
-def arrays(observations: Sequence[Observation], rope: Rope) -> RecordArrays:
-    """Put observations into arrays."""
+def arrays(
+    observations: Sequence[Observation], rope_length: Array, jump: NDArray[np.bool_] | None = None
+) -> RecordArrays:
+    """Put observations into arrays, with the rope's lengths (n,), m, and which of them are jumps (n,), if any."""
     nothing = (np.nan, np.nan)
     timed = all(s.time_s is not None for s in observations)
     sd = np.array([s.centre_sd or (0.0, 0.0) for s in observations], float).reshape(-1, 2)
     return RecordArrays(
         pixels=np.array([s.centre or nothing for s in observations], float).reshape(-1, 2),
         pixel_sd=np.sqrt(np.mean(sd**2, axis=-1)),
-        rope_length=rope.length,
+        rope_length=rope_length,
         time=np.array([s.time_s for s in observations], float) if timed else None,
         observations=observations,
-        jump=rope.jump,
+        jump=np.zeros(len(rope_length), bool) if jump is None else jump,
     )
 
 
@@ -151,31 +153,21 @@ def measurements(
     """
     danger = alarm.probability(alpha, *(ends if firm is None else firm).T)
     direction = np.full(len(alpha), np.nan) if swing is None else np.arctan2(swing[:, 1], swing[:, 0])
-    names = [] if ahead is None else list(vars(ahead))
-    next_s = np.array([getattr(ahead, name) for name in names]).T if names else np.empty((len(alpha), 0))
-    lacks_rope = ~np.isfinite(record.rope_length) & needs_rope
-    statuses = map(_status, record.observations, np.isfinite(alpha), lacks_rope, record.jump, [refused] * len(alpha))
-    of_frames = record.observations, alpha, ends, direction, danger, record.rope_length, record.jump, next_s.tolist()
-    return tuple(
-        _measurement(status, *row, ahead=dict(zip(names, f, strict=True)) if np.isfinite(f).all() else {})
-        for status, *row, f in zip(statuses, *of_frames, strict=True)
-    )
-
-
-def _measurement(
-    status: tuple[Status, str], s: Observation, alpha: float, ends: Array, direction: float, danger: float, rope: float,
-    jump: bool, *, ahead: dict[str, float],
-) -> Measurement:  # fmt: skip
-    ok = status[0] == "ok"
-    stated = ok and bool(np.isfinite(ends).all())
-    return Measurement(
-        status=status[0], reason=status[1], alpha=float(alpha) if ok else None,
-        alpha_low=float(ends[0]) if stated else None, alpha_high=float(ends[1]) if stated else None,
-        direction=float(direction) if ok and np.isfinite(direction) else None,
-        danger=float(danger) if ok else None, box=s.box, score=s.score, centre=s.centre, centre_sd=s.centre_sd,
-        rope_text=s.rope_text, rope_status="jump" if jump else s.rope_status,
-        rope_length_m=float(rope) if np.isfinite(rope) else None, **(ahead if ok else {}),
-    )  # fmt: skip
+    columns = {"alpha": alpha, "alpha_low": ends[:, 0], "alpha_high": ends[:, 1], "danger": danger}
+    columns |= {"direction": direction} | ({} if ahead is None else vars(ahead))
+    swings = [dict(zip(columns, row, strict=True)) for row in np.stack(list(columns.values()), axis=1).tolist()]
+    found = []
+    for s, angles, rope, jump in zip(
+        record.observations, swings, record.rope_length.tolist(), record.jump, strict=True
+    ):
+        known = math.isfinite(rope)
+        status, reason = _status(s, math.isfinite(angles["alpha"]), needs_rope and not known, jump, refused)
+        found.append(Measurement(
+            status=status, reason=reason, box=s.box, score=s.score, centre=s.centre, centre_sd=s.centre_sd,
+            rope_text=s.rope_text, rope_status="jump" if jump else s.rope_status, rope_length_m=rope if known else None,
+            **({name: value for name, value in angles.items() if math.isfinite(value)} if status == "ok" else {}),
+        ))  # fmt: skip
+    return tuple(found)
 
 
 def _status(s: Observation, alpha: bool, lacks_rope: bool, jump: bool, refused: str) -> tuple[Status, str]:

@@ -53,19 +53,20 @@ class ControllerFeed:
 
     def __init__(self, path: str | Path) -> None:
         self._path, facts = describe(path)
-        if all(one in (facts.wind, facts.load) for one in facts.quantities):
+        if facts.quantities.keys() <= {"wind", "load"}:
             raise RecordError(f"{path}: a live run does not read the wind; state it by --wind-m-s")
         self._facts = msgspec.structs.replace(facts, wind=None, load=None)
         self.states_rope, self.states_radius = facts.rope is not None, bool(facts.radius or facts.luff)
         jib = [one for one in (facts.slew, facts.radius or facts.luff) if one is not None]
-        rate_hz = max(one.rate_hz for one in self._facts.quantities)
+        followed = list(self._facts.quantities.values())
+        rate_hz = max(one.rate_hz for one in followed)
         self.states_motion = len(jib) == 2 and min(one.rate_hz for one in jib) > rate_hz / 2
         self.problem = self.news = ""
         self._controller: Controller | None = None
         self._delays, self._late = deque[float](maxlen=DELAYS), deque[float](maxlen=DELAYS)
-        self._lag = self._facts.quantities[0].lag_s
+        self._lag = followed[0].lag_s
         self._tails: dict[Path, _Tail] = {}
-        for one in self._facts.quantities:
+        for one in followed:
             file = self._facts.file_of(one, self._path)
             if file.suffix.lower() == ".parquet":
                 raise RecordError(f"{file}: parquet cannot be followed while it grows; name a CSV file")

@@ -33,7 +33,7 @@ UNITS = {
     "m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704, "t": 1000.0, "kg": 1.0,
     "deg/s": math.pi / 180, "rad/s": 1.0, "rpm": math.pi / 30, "m/min": 1 / 60,
 }  # fmt: skip
-ANGLES, SPEEDS, MASSES = ("deg", "rad"), ("m/s", "km/h", "kn", "mph"), ("t", "kg")
+_UNITS_OF = {"slew": ("deg", "rad"), "luff": ("deg", "rad"), "wind": ("m/s", "km/h", "kn", "mph"), "load": ("t", "kg")}
 LEAST_ROPE_M, LONGEST_M = 0.5, 200.0  # a grab's centre hangs lower than that below the exit, whatever its rope
 _USUAL_M = (2.0, 100.0)  # ropes and radii, for a suggestion
 # Lowest and highest value and the greatest speed of any such crane, with much to spare, and the unit.
@@ -160,10 +160,6 @@ class Luff(Quantity, frozen=True, kw_only=True):
     pivot_m: Annotated[float, Meta(ge=-LONGEST_M, le=LONGEST_M)] = 0.0
 
 
-class RopeLength(Length, frozen=True, kw_only=True):
-    """Length of the hoisting rope, |OA|."""
-
-
 class Wind(Quantity, frozen=True, kw_only=True):
     """Speed of the wind, by the crane's anemometer."""
 
@@ -187,7 +183,8 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     slew : Slew or None
     radius : Radius or None
     luff : Luff or None
-    rope : RopeLength or None
+    rope : Length or None
+        Of the hoisting rope, |OA|.
     wind : Wind or None
     load : Load or None
     longest_gap_s : float
@@ -200,7 +197,7 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     slew: Slew | None = None
     radius: Radius | None = None
     luff: Luff | None = None
-    rope: RopeLength | None = None
+    rope: Length | None = None
     wind: Wind | None = None
     load: Load | None = None
     longest_gap_s: Annotated[float, Meta(gt=0, le=60)] = 2.0
@@ -208,16 +205,17 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     def check(self) -> None:  # noqa: D102
         if not self.quantities:
             raise ValueError("at least one of the tables slew, radius, luff, rope, wind and load is needed")
-        for name, one in (("slew", self.slew), ("radius", self.radius), ("luff", self.luff)):
-            if one is not None and one.setpoint == one.column:
+        for name, one in self.quantities.items():
+            if isinstance(one, Slew | Radius | Luff) and one.setpoint == one.column:
                 raise ValueError(f"{name}.setpoint: must be another column than {one.column!r}, of a speed")
         if self.radius and self.luff:
             raise ValueError("luff: leave it out, or radius, which follows from it")
 
     @property
-    def quantities(self) -> list[Quantity]:
-        """Those that are described."""
-        return [one for one in (self.slew, self.radius, self.luff, self.rope, self.wind, self.load) if one is not None]
+    def quantities(self) -> dict[str, Quantity]:
+        """Those that are described, by name."""
+        named = {name: getattr(self, name) for name in _LIMITS}
+        return {name: quantity for name, quantity in named.items() if quantity is not None}
 
     @staticmethod
     def file_of(quantity: Quantity, path: Path) -> Path:
@@ -268,10 +266,7 @@ def read_controller(
     files: dict[Path, _Rows] = {}
     series: dict[str, tuple[Array, Array, float]] = {}
     setpoints: dict[str, tuple[Array, Array]] = {}
-    for name in ("slew", "radius", "luff", "rope", "wind", "load"):
-        quantity = getattr(facts, name)
-        if quantity is None:
-            continue
+    for name, quantity in facts.quantities.items():
         file = facts.file_of(quantity, path)
         if file.suffix.lower() == DESCRIPTION:
             raise RecordError(f"{path}: {name}.file: is missing: which file the column is in")
@@ -551,9 +546,8 @@ def _increasing(time: Array) -> NDArray[np.int64]:
 
 def _hint(name: str, raw: Array) -> str:
     """Suggest the units in which readings (n,) would be plausible."""
-    of = {"slew": ANGLES, "luff": ANGLES, "wind": SPEEDS, "load": MASSES}
-    low, high = _LIMITS[name][:2] if name in of else _USUAL_M
-    units = of.get(name, LENGTHS)
+    low, high = _LIMITS[name][:2] if name in _UNITS_OF else _USUAL_M
+    units = _UNITS_OF.get(name, LENGTHS)
     middle = float(np.median(raw)) if len(raw) else math.nan
     fitting = [unit for unit in units if low < middle * UNITS[unit] < high]
     return f"; {middle:g} would be plausible in {' or '.join(fitting)}: see {name}.unit" if fitting else ""

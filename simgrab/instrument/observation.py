@@ -12,7 +12,7 @@ from simgrab.instrument.contract import Frame
 from simgrab.instrument.detect import Detector
 from simgrab.instrument.read import Reader
 from simgrab.model.calibration import Calibration
-from simgrab.model.records.observations import Detection, Reading
+from simgrab.model.records.observations import Detection
 
 
 class Observation(msgspec.Struct, frozen=True, gc=False):
@@ -21,8 +21,6 @@ class Observation(msgspec.Struct, frozen=True, gc=False):
     Attributes
     ----------
     time_s : float or None
-    name : str
-        Name of the picture's file.
     lost : str
         Why there was no picture; empty where there was one.
     missed : str
@@ -40,7 +38,6 @@ class Observation(msgspec.Struct, frozen=True, gc=False):
     """
 
     time_s: float | None
-    name: str = ""
     lost: str = ""
     missed: str = ""
     score: float = 0.0
@@ -77,14 +74,27 @@ def observe(
 def one(frame: Frame, detector: Detector, reader: Reader | None, calibration: Calibration) -> Observation:
     """Detect the grab and read the display in one frame."""
     if frame.picture is None:
-        return Observation(frame.time_s, frame.name, lost=frame.reason)
+        return Observation(frame.time_s, lost=frame.reason)
     found = detector(frame.picture)
     if wrong := _flaw(found):
         raise DetectorError(f"{detector.name}: {wrong}")
-    reading = None
-    if reader is not None and calibration.digit_layout is not None:
-        reading = reader.read(frame.picture, calibration.digit_layout)
-    return _observation(frame, found, reading)
+    box = centre = sd = None
+    if found.found and found.box is not None:
+        x0, y0, x1, y1 = (float(edge) for edge in found.box)
+        box, centre = (x0, y0, x1, y1), ((x0 + x1) / 2, (y0 + y1) / 2)
+    if found.found and found.centre is not None:
+        centre = _pair(found.centre)
+        sd = None if found.centre_sd_px is None else _pair(found.centre_sd_px)
+    seen = Observation(
+        frame.time_s, missed="" if found.found else found.reason or "no grab found", score=found.score,
+        box=box, centre=centre, centre_sd=sd, yaw=found.yaw if found.found else None,
+    )  # fmt: skip
+    if reader is None or calibration.digit_layout is None:
+        return seen
+    read = reader.read(frame.picture, calibration.digit_layout)
+    return msgspec.structs.replace(
+        seen, rope_text=read.text, rope_status=read.status, rope_reason=read.reason, hoist_m=read.hoist_m
+    )
 
 
 def _flaw(found: object) -> str:
@@ -98,24 +108,6 @@ def _flaw(found: object) -> str:
         if value is not None and (np.shape(value) != (size,) or not np.isfinite(value).all()):
             return f"{name}: {size} finite numbers are required, got {value}"
     return ""
-
-
-def _observation(frame: Frame, found: Detection, reading: Reading | None) -> Observation:
-    box = centre = sd = None
-    if found.found and found.box is not None:
-        x0, y0, x1, y1 = (float(edge) for edge in found.box)
-        box, centre = (x0, y0, x1, y1), ((x0 + x1) / 2, (y0 + y1) / 2)
-    if found.found and found.centre is not None:
-        centre = _pair(found.centre)
-        sd = None if found.centre_sd_px is None else _pair(found.centre_sd_px)
-    return Observation(
-        frame.time_s, frame.name, missed="" if found.found else found.reason or "no grab found", score=found.score,
-        box=box, centre=centre, centre_sd=sd, yaw=found.yaw if found.found else None,
-        rope_text=None if reading is None else reading.text,
-        rope_status="" if reading is None else reading.status,
-        rope_reason="" if reading is None else reading.reason,
-        hoist_m=None if reading is None else reading.hoist_m,
-    )  # fmt: skip
 
 
 def _pair(values: np.ndarray) -> tuple[float, float]:

@@ -30,14 +30,13 @@ from simgrab.instrument.faults import Fault, FaultWatch
 from simgrab.instrument.forecast import MIDDLES_S, Forecaster
 from simgrab.instrument.observation import Observation, observe, one
 from simgrab.instrument.read import Reader
-from simgrab.instrument.rope import Rope, rope
+from simgrab.instrument.rope import rope
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate
 
 if TYPE_CHECKING:
     from simgrab.instrument.controller_feed import ControllerFeed
-    from simgrab.instrument.estimate.inertial.live import InertialTracker
 
 T = TypeVar("T")
 
@@ -161,8 +160,6 @@ class Pipeline:
     def chosen(self, calibration: Calibration, *, live: bool = False) -> Estimator:
         """Choose the estimator for a camera.
 
-        Of a whole record with a controller that reports slewing or luffing, it is `PendulumSmoother`, which uses them.
-
         Raises
         ------
         RunError
@@ -248,18 +245,21 @@ class Pipeline:
 
     def conclude(self, observations: Sequence[Observation], calibration: Calibration) -> MeasuredRecord:
         """Estimate angles from a record of observations."""
-        record = angles.arrays(observations, rope(observations, calibration))
+        record = angles.arrays(observations, *rope(observations, calibration))
         controller, clock = self.controller, None
         if controller is not None:
             controller, clock = on_clock(controller, record)
-        estimator = informed(self.chosen(calibration), controller, record.pixel_sd, self._calibrated(record.time))
+        when, until_s = record.time, self.calibrate_s
+        if when is not None and until_s is not None and len(when):
+            when = when[when < when[0] + until_s]
+        estimator = informed(self.chosen(calibration), controller, record.pixel_sd, when)
         estimate, tilt, why = None, self._tilt(calibration), ""
         if tilt is not None:
             record = record.with_lengths(controller)
         else:
-            if self.calibrate_s is not None and record.time is None:
+            if until_s is not None and record.time is None:
                 raise RunError("independent frames have no first part to calibrate on")
-            record, estimate, why = solve(record, calibration, estimator, controller, self.calibrate_s)
+            record, estimate, why = solve(record, calibration, estimator, controller, until_s)
             if not estimate.ok:
                 nothing = np.full((len(observations), 3), np.nan)
                 refused = f"no tilt: {estimate.reason}"
@@ -272,10 +272,10 @@ class Pipeline:
         if controller is not None and record.time is not None and controller.clock_sd_s <= LATE_S:
             radii = controller.radii(record.time)
         alpha, ends, swing = angles.by_tilt(record, tilt, calibration, radii)
-        if estimate is not None and self.calibrate_s is None:
+        if estimate is not None and until_s is None:
             assert estimate.alpha is not None
             alpha, ends = estimate.alpha, stated_ends(estimate)
-        measures_lean = moving(estimator) and estimate is not None and self.calibrate_s is None
+        measures_lean = moving(estimator) and estimate is not None and until_s is None
         pitched = tilt.pitched(radii)
         firm = ends if record.time is None or measures_lean else angles.without_lean(alpha, ends, calibration, pitched)
         ahead_s = None
@@ -283,7 +283,7 @@ class Pipeline:
             # Forecasts rest on the tilt of all of the record, but on no later frames.
             ahead_s = angles.forecasts(Forecaster(), record, swing, alpha, firm, calibration.focal_length_px)
         stated = swing if still(calibration, estimator) else None
-        if estimate is not None and self.calibrate_s is None and estimate.swing is not None:
+        if estimate is not None and until_s is None and estimate.swing is not None:
             stated = estimate.swing
         measured = angles.measurements(record, alpha, ends, ahead=ahead_s, swing=stated, firm=firm)
         followed = pitched is not None and bool(pitched.any())
@@ -293,16 +293,14 @@ class Pipeline:
         """Return the given tilt, for the camera's roll."""
         return None if self.tilt is None else self.tilt.on(calibration.mount).rolled(calibration.roll_deg)
 
-    def _calibrated(self, time: Array | None) -> Array | None:
-        """Select the times of the frames, of (n,), that the tilt is estimated from."""
-        if time is None or self.calibrate_s is None or not len(time):
-            return time
-        return time[time < time[0] + self.calibrate_s]
-
     def live(self, frames: Iterable[Frame], calibration: Calibration) -> Iterator[Live]:
         """Measure frames as they come; the tilt is re-estimated every few seconds from those of the last minutes."""
         estimator = self.chosen(calibration, live=True)
-        tracker = _tracker(estimator, calibration)
+        tracker = None
+        if estimator.needs_imu:
+            from simgrab.instrument.estimate.inertial.live import InertialTracker
+
+            tracker = InertialTracker(estimator, calibration)
         observations: list[Observation] = []
         lengths: list[float] = []
         tilt, start, due = self._tilt(calibration), math.nan, WARM_UP_S
@@ -317,8 +315,8 @@ class Pipeline:
             start = at if math.isnan(start) else start
             controller = self.controller if self.feed is None else self.feed.poll(at)
             recent = observations[_before(observations, at - WINDOW_S) :]
-            ropes = rope(recent, calibration)
-            newest = angles.arrays(recent[-1:], Rope(ropes.length[-1:], ropes.jump[-1:]))
+            length, jump = rope(recent, calibration)
+            newest = angles.arrays(recent[-1:], length[-1:], jump[-1:])
             if controller is not None:
                 unlike = watch.unlike
                 watch.clock(at, controller, float(newest.rope_length[0]))
@@ -334,7 +332,7 @@ class Pipeline:
                 old = _before(observations, at - KEPT_S)
                 del observations[:old], lengths[:old]
                 if estimated:
-                    whole = angles.arrays(observations, Rope(np.array(lengths), np.zeros(len(lengths), bool)))
+                    whole = angles.arrays(observations, np.array(lengths))
                     windy = estimator.in_wind(self.controller, whole.time)
                     found = whole.estimate(windy, calibration)
                     if found.ok:
@@ -372,7 +370,7 @@ class Pipeline:
                 old = _before(observations, start)
                 del observations[:old], lengths[:old]
             seconds = time.perf_counter() - begun
-            yield Live(frame, observations[-1], measured, used, seconds, watch.found(at))
+            yield Live(frame, measured, used, seconds, watch.found(at))
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,7 +378,6 @@ class Live:
     """One frame of a live record: its measurement, the tilt used, the time taken, s, and faults found."""
 
     frame: Frame
-    observation: Observation
     measurement: Measurement
     tilt: Known | None
     seconds: float
@@ -400,17 +397,6 @@ def ahead(items: Iterable[T], most: int = 3) -> Iterator[T]:
             waiting.append(thread.submit(next, source, end))
             yield item  # type: ignore[misc]  # not the end, hence a T
             del item  # a picture must not be kept while the next is awaited
-
-
-def _tracker(estimator: Estimator, calibration: Calibration) -> InertialTracker | None:
-    """Make the live filter of an estimator with inertial readings."""
-    if not estimator.needs_imu:
-        return None
-    from simgrab.instrument.estimate import PendulumSmoother
-    from simgrab.instrument.estimate.inertial.live import InertialTracker
-
-    assert isinstance(estimator, PendulumSmoother)
-    return InertialTracker(estimator, calibration)
 
 
 def moving(estimator: Estimator | None) -> bool:

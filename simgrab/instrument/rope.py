@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,37 +15,28 @@ from simgrab.model.geometry import Array
 LONGEST_S = 2.0  # between readings; at 70 m/min the error is at most 1.2 m
 
 
-@dataclass(frozen=True)
-class Rope:
-    r"""Lengths of a record of n frames.
+def rope(observations: Sequence[Observation], calibration: Calibration) -> tuple[Array, NDArray[np.bool_]]:
+    r"""Find the rope's length in every frame; gaps between readings are `bridged` up to `LONGEST_S`.
 
-    Attributes
-    ----------
+    Independent frames (without times) have only their own readings.
+
+    Returns
+    -------
     length : ndarray, shape (n,)
         \|OA\|, m; NaN where it is not known.
     jump : ndarray of bool, shape (n,)
         Frames with a length that the hoist cannot have reached.
     """
-
-    length: Array
-    jump: NDArray[np.bool_]
-
-
-def rope(observations: Sequence[Observation], calibration: Calibration) -> Rope:
-    """Find the rope's length in every frame; gaps between readings are `bridged` up to `LONGEST_S`.
-
-    Independent frames (without times) have only their own readings.
-    """
     hoist = np.array(
         [np.nan if s.rope_status != "read" or s.hoist_m is None else s.hoist_m for s in observations], float
     )
     if any(s.time_s is None for s in observations):
-        return Rope(_sound(hoist + calibration.display_constant_m), np.zeros(len(hoist), bool))
+        return _sound(hoist + calibration.display_constant_m), np.zeros(len(hoist), bool)
     times = np.array([s.time_s for s in observations], float)
     believed = consistent(times, hoist)
     jump = np.isfinite(hoist) & ~believed
     length = bridged(times, times, np.where(believed, hoist, np.nan), LONGEST_S)
-    return Rope(_sound(length + calibration.display_constant_m), jump)
+    return _sound(length + calibration.display_constant_m), jump
 
 
 def _sound(length: Array) -> Array:

@@ -7,7 +7,7 @@ import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 from urllib.parse import urlsplit
 
 from simgrab.errors import PictureError, SimgrabError, SourceError, first_line
@@ -22,25 +22,6 @@ from simgrab.text import encodable, printable
 _RATE_IS_OF = "--rate applies to image folders and to videos without time stamps"
 MATCHED = "matched"  # the folder that `simgrab match` writes by default
 CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
-
-
-class Source(Protocol):
-    """Frames; each iteration starts again."""
-
-    @property
-    def name(self) -> str:
-        """Name that the user gave."""
-
-    @property
-    def count(self) -> int | None:
-        """Number of frames, if known beforehand."""
-
-    @property
-    def live(self) -> bool:
-        """Whether the source can be read only once, as its frames arrive."""
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Read from the beginning."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +49,7 @@ class PictureFiles:
     labels_sha256: str = ""
     bits: int | None = None
     note: str = ""
-    live: bool = False
+    live = False
 
     @property
     def count(self) -> int:
@@ -86,6 +67,9 @@ class PictureFiles:
                 yield Frame(None, time, reason, name)
             else:
                 yield Frame(picture, time, name=name, note=self.note)
+
+
+Source: TypeAlias = PictureFiles | Video | Stream
 
 
 def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:

@@ -300,17 +300,14 @@ def _rest(stream: VideoStream) -> Packet[Any]:
 def _pictures(packet: Packet[Any], clock: _Clock, playback: Playback) -> Iterator[Frame]:
     try:
         for picture in packet.decode():
-            yield _frame(picture, clock, playback)
+            time_s = clock.next(clock.stamp(picture))
+            if picture.is_corrupt:
+                yield Frame(None, time_s, "damaged in the video")
+            else:
+                note = "; ".join(filter(None, (playback.note(picture), clock.note, clock.jumped)))
+                yield Frame(playback.picture(picture), time_s, note=note)
     except av.error.FFmpegError as problem:
         yield Frame(None, clock.next(None), f"cannot be decoded ({first_line(problem)})")
-
-
-def _frame(picture: VideoFrame, clock: _Clock, playback: Playback) -> Frame:
-    time_s = clock.next(clock.stamp(picture))
-    if picture.is_corrupt:
-        return Frame(None, time_s, "damaged in the video")
-    note = "; ".join(filter(None, (playback.note(picture), clock.note, clock.jumped)))
-    return Frame(playback.picture(picture), time_s, note=note)
 
 
 class _Clock:

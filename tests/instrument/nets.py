@@ -18,17 +18,20 @@ SIDE = 64  # px of the hand-made YOLOs' pictures
 CELLS = 64 + 16 + 4
 
 
-def save(path, nodes, inputs, outputs, weights=(), facts=None, metadata=None):
-    graph = helper.make_graph(
-        nodes,
-        "g",
-        [helper.make_tensor_value_info(name, kind, shape) for name, kind, shape in inputs],
-        [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in outputs],
-        [numpy_helper.from_array(value, name) for name, value in weights],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
-    helper.set_model_props(model, (metadata or {}) | ({KEY: json.dumps(facts)} if facts else {}))
-    onnx.save(model, path)
+def info(name, shape, kind=TensorProto.FLOAT):
+    return helper.make_tensor_value_info(name, kind, shape)
+
+
+def number(name, value, kind=np.float32):
+    return numpy_helper.from_array(np.asarray(value, kind), name)
+
+
+def save(path, nodes, inputs, outputs, weights=(), *, metadata=None, domain=""):
+    opsets = [helper.make_opsetid("", 18)] + [helper.make_opsetid(domain, 1)] * bool(domain)
+    graph = helper.make_graph(nodes, "g", inputs, outputs, weights)
+    model = helper.make_model(graph, opset_imports=opsets, ir_version=10)
+    helper.set_model_props(model, metadata or {})
+    path.write_bytes(model.SerializeToString())
     return path
 
 
@@ -48,9 +51,8 @@ def constant_yolo(path, out, *, shape=(1, 3, SIDE, SIDE), metadata=None):
         helper.make_node("Mul", ["m", "zero"], ["z"]),
         helper.make_node("Add", ["rows", "z"], ["output"]),
     ]
-    weights = [("zero", np.float32(0)), ("rows", out)]
-    inputs, outputs = [("images", TensorProto.FLOAT, list(shape))], [("output", list(out.shape))]
-    return save(path, nodes, inputs, outputs, weights, metadata=metadata)
+    weights = [number("zero", 0), number("rows", out)]
+    return save(path, nodes, [info("images", shape)], [info("output", out.shape)], weights, metadata=metadata)
 
 
 def rows(count, columns):
@@ -79,11 +81,11 @@ def hand_made(folder, *, heat=4.0, presence=3.0, yaw=0.0, glow=0.0, calibration=
         helper.make_node("Expand", ["twenty", "wide"], ["reach"]),
     ]
     save(
-        folder / "coarse.onnx", coarse, [("pictures", TensorProto.UINT8, [1, 224, 384, 3])],
-        [("heat", [1, 28, 48]), ("reach", [1, 4, 28, 48])],
-        [("one", np.array([1], np.int64)), ("gain", np.float32((heat + 8) / 255)), ("shift", np.float32(8)),
-         ("twenty", np.float32(20).reshape(1, 1, 1, 1)), ("wide", np.array([1, 4, 28, 48], np.int64))],
-        {"task": COARSE},
+        folder / "coarse.onnx", coarse, [info("pictures", [1, 224, 384, 3], TensorProto.UINT8)],
+        [info("heat", [1, 28, 48]), info("reach", [1, 4, 28, 48])],
+        [number("one", [1], np.int64), number("gain", (heat + 8) / 255), number("shift", 8),
+         number("twenty", [[[[20]]]]), number("wide", [1, 4, 28, 48], np.int64)],
+        metadata={KEY: json.dumps({"task": COARSE})},
     )  # fmt: skip
     pose = [
         helper.make_node("Cast", ["pictures"], ["f"], to=TensorProto.FLOAT),
@@ -91,10 +93,11 @@ def hand_made(folder, *, heat=4.0, presence=3.0, yaw=0.0, glow=0.0, calibration=
         helper.make_node("MatMul", ["m", "light"], ["z"]),
         helper.make_node("Add", ["z", "rows"], ["pose"]),
     ]
+    facts = {"task": POSE, "settings": {"least_heat": 0.2}, "calibration": calibration or {}}
     save(
         folder / "pose.onnx", pose,
-        [("pictures", TensorProto.UINT8, ["n", POSE_SIZE, POSE_SIZE, 6])], [("pose", ["n", 16])],
-        [("axes", np.array([1, 2], np.int64)), ("light", light), ("rows", rows)],
-        {"task": POSE, "settings": {"least_heat": 0.2}, "calibration": calibration or {}},
+        [info("pictures", ["n", POSE_SIZE, POSE_SIZE, 6], TensorProto.UINT8)], [info("pose", ["n", 16])],
+        [number("axes", [1, 2], np.int64), number("light", light), number("rows", rows)],
+        metadata={KEY: json.dumps(facts)},
     )  # fmt: skip
     return folder

@@ -11,7 +11,6 @@ from simgrab.instrument.estimate import (
     ESTIMATORS,
     Estimator,
     GeometricMedian,
-    IntervalSettings,
     MeanRay,
     PaperIteration,
     PendulumSmoother,
@@ -160,9 +159,8 @@ def long_records(records: int, minutes: float, damping: float) -> dict[str, dict
     place = np.zeros((records, 3))
     pixels = pendulum.seen(rng, record, camera().intrinsics.project, rotation=rotation, offset=place)
     result = {}
-    noisy = IntervalSettings(pixel_sd_px=1.0)
-    for e in (PaperIteration(intervals=noisy), MeanRay(intervals=noisy), GeometricMedian(intervals=noisy)):
-        found = e.batch(pixels, camera(), time=record.time)
+    for e in (PaperIteration(), MeanRay(), GeometricMedian()):
+        found = e.batch(pixels, camera(), time=record.time, pixel_sd=np.ones(len(record.time)))
         result[e.name] = {i.kind: coverage(i, record.alpha) for i in found.intervals}
     return result
 

@@ -14,10 +14,9 @@ from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
 
 NETS = ("coarse", "pose")
-bundled = pytest.mark.skipif(not (WEIGHTS / "coarse.onnx").exists(), reason="no detector's weights are bundled")
 
 
-@pytest.mark.parametrize("name", [*(pytest.param(net, marks=bundled) for net in NETS), "reader"])
+@pytest.mark.parametrize("name", [*NETS, "reader"])
 def test_weights_are_those_that_their_card_is_of(name):
     card = json.loads((WEIGHTS / f"{name}.json").read_text(encoding="utf-8"))
     assert hashlib.sha256((WEIGHTS / f"{name}.onnx").read_bytes()).hexdigest() == card["model_sha256"]
@@ -27,7 +26,6 @@ def test_all_weights_together_are_small():
     assert sum(path.stat().st_size for path in WEIGHTS.rglob("*")) < 20e6
 
 
-@bundled
 @pytest.mark.parametrize("name", NETS)
 def test_cards_say_what_the_weights_were_made_of(name):
     card = json.loads((WEIGHTS / f"{name}.json").read_text(encoding="utf-8"))
@@ -37,7 +35,6 @@ def test_cards_say_what_the_weights_were_made_of(name):
     assert card["metrics"]["recall"] > 0.75  # of random shapes, and of shapes by other hands that no net learned
 
 
-@bundled
 @pytest.mark.slow
 def test_a_kind_that_it_was_not_trained_on_is_found():
     """Scissors grabs with unseen paint, cargo and places, at half the size."""
@@ -49,7 +46,6 @@ def test_a_kind_that_it_was_not_trained_on_is_found():
     assert sum(one.found and iou(one.box, box) > 0.5 for one, box in found) >= 3
 
 
-@bundled
 def test_the_grab_is_found_where_it_is_and_nowhere_else():
     looks, found, empty = detector(), 0, 0
     with FrameGenerator(scenes.load("exam-windy", {"clip.clip_frames": 2, "frames": 12})) as generator:

@@ -4,10 +4,9 @@ import json
 import cv2
 import numpy as np
 import pytest
-from nets import CELLS, SIDE, constant_yolo, hand_made, rows, save, with_metadata
+from nets import CELLS, SIDE, constant_yolo, hand_made, info, rows, save, with_metadata
 
 from simgrab.errors import DetectorError
-from simgrab.instrument import detect
 from simgrab.instrument.detect import WEIGHTS, GrabDetector, Yolo, detector
 from simgrab.instrument.detect.boxes import covered, iou
 from simgrab.instrument.detect.grab import POSE, Settings, peaks, read
@@ -328,7 +327,7 @@ def test_a_free_size_is_the_one_it_was_trained_at(tmp_path):
 
 def half_precision(path):
     cast, shape = helper.make_node("Cast", ["images"], ["output"], to=TensorProto.FLOAT), [1, 3, 640, 640]
-    return save(path, [cast], [("images", TensorProto.FLOAT16, shape)], [("output", shape)])
+    return save(path, [cast], [info("images", shape, TensorProto.FLOAT16)], [info("output", shape)])
 
 
 def test_outputs_besides_the_boxes_may_be_of_any_type(tmp_path):
@@ -402,16 +401,9 @@ def test_what_is_no_detector_is_refused(tmp_path):
             detector(ours)
 
 
-def test_weights_that_are_not_bundled_are_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(detect, "WEIGHTS", tmp_path)
-    with pytest.raises(DetectorError, match=r"^no weights are bundled: name a folder"):
-        detector()
-
-
 def test_a_detector_is_called_by_its_folder(tmp_path):
     assert detector(hand_made(tmp_path / "mine") / "pose.onnx").name == "mine"
 
 
-@pytest.mark.skipif(not (WEIGHTS / "coarse.onnx").exists(), reason="no detector's weights are bundled")
 def test_the_bundled_detector_is_called_so():
     assert detector().name == detector(WEIGHTS).name == "bundled"

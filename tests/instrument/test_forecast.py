@@ -28,6 +28,12 @@ def undisturbed(monkeypatch):
     monkeypatch.setattr(fc, "FIXED", np.zeros_like(fc.FIXED))
 
 
+def still(*motion):
+    """State of a grab that hangs still on 10 m of rope, which is known exactly."""
+    state = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), *motion)
+    return replace(state, covariance=1e-12 * state.covariance)
+
+
 @pytest.mark.usefixtures("undisturbed")
 @pytest.mark.parametrize("degrees", [2.0, 12.0])
 @pytest.mark.parametrize("turning", [0.0, 0.1])
@@ -51,14 +57,11 @@ def test_the_peak_of_an_undamped_pendulum_is_known(degrees, turning):
 
 @pytest.mark.usefixtures("undisturbed")
 def test_a_pivot_that_accelerates_as_the_controller_reports_is_foreseen():
-    state = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), np.array([[0.0, -0.8, 0.0]]))
-    still = replace(state, covariance=1e-12 * state.covariance)
     t, w = np.linspace(0, 4, 4001), np.sqrt(GRAVITY / 10)
     swing = np.exp(-t / MEMORY_S) - np.cos(w * t) + np.sin(w * t) / (w * MEMORY_S)
     swing *= 0.8 / GRAVITY / (1 + 1 / (w * MEMORY_S) ** 2)
-    found = forecast(still, np.zeros(1))
-    silent = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), np.full((1, 3), np.nan))
-    assert forecast(replace(silent, covariance=1e-12 * silent.covariance), np.zeros(1)).peak < 1e-4
+    found = forecast(still(np.array([[0.0, -0.8, 0.0]])), np.zeros(1))
+    assert forecast(still(np.full((1, 3), np.nan)), np.zeros(1)).peak < 1e-4
     assert found.peak == pytest.approx([swing.max()], rel=0.05)
     assert found.peak_in_s == pytest.approx([t[swing.argmax()]], rel=0.05)
 
@@ -66,7 +69,7 @@ def test_a_pivot_that_accelerates_as_the_controller_reports_is_foreseen():
 @pytest.mark.usefixtures("undisturbed")
 def test_planned_motion_is_foreseen(monkeypatch):
     """The jib turns at 0.1 rad/s, and speeds up in six of the next steps: equations in axes that do not turn."""
-    rope, turn, still = 10.0, 0.1, np.zeros((1, 2))
+    rope, turn = 10.0, 0.1
     planned = np.zeros((1, 18, 17, 3))
     begin, end = 3 * fc.HORIZON_S / fc.STEPS, 9 * fc.HORIZON_S / fc.STEPS
     planned[..., 2], planned[..., 1] = turn, 0.8 * (np.abs(fc.MIDDLES_S - (begin + end) / 2) < (end - begin) / 2)
@@ -78,8 +81,7 @@ def test_planned_motion_is_foreseen(monkeypatch):
         return [*y[2:], *(-GRAVITY / rope * y[:2] * n - push / rope)]
 
     true = solve_ivp(rates, (0, 6), np.zeros(4), max_step=0.01, dense_output=True).sol(np.linspace(0, 6, 601))
-    state = Forecaster().step(0.0, still, 1e-6, np.array([rope]), np.array([[0.0, 0.0, turn]]), planned)
-    found = forecast(replace(state, covariance=1e-12 * state.covariance), np.zeros(1))
+    found = forecast(still(np.array([[0.0, 0.0, turn]]), planned), np.zeros(1))
     alpha = np.arcsin(np.hypot(*true[:2]))
     top = np.flatnonzero((alpha[1:-1] > alpha[:-2]) & (alpha[1:-1] >= alpha[2:]))[0] + 1
     assert found.peak == pytest.approx([alpha[top]], rel=0.02)
@@ -92,8 +94,7 @@ def test_the_warning_includes_that_drives_may_be_stopped():
     planned = np.zeros((1, 18, 17, 3))
     for k in np.flatnonzero(fc.MIDDLES_S < 3):
         planned[0, k, k:, 1] = -1.5
-    state = Forecaster().step(0.0, np.zeros((1, 2)), 1e-6, np.array([10.0]), np.zeros((1, 3)), planned)
-    found = forecast(replace(state, covariance=1e-12 * state.covariance), np.zeros(1))
+    found = forecast(still(np.zeros((1, 3)), planned), np.zeros(1))
     assert found.warning == pytest.approx([-np.expm1(-0.3)], abs=0.04)
 
 

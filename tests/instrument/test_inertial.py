@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import swinging
 from click.testing import CliRunner
-from scipy.signal import lfilter
 from swinging import nobody
 
 import simgrab
@@ -67,10 +66,6 @@ def beginning(crane, frames):
     return dataclasses.replace(crane, **first)
 
 
-def rms_deg(found, crane):
-    return float(np.degrees(np.sqrt(np.nanmean((found.alpha - crane.alpha) ** 2))))
-
-
 def test_rotations_and_their_vectors_are_inverse():
     vectors = np.random.default_rng(0).normal(0, 0.8, (200, 3))
     vectors *= np.minimum(1, 3.1 / np.linalg.norm(vectors, axis=1))[:, None]
@@ -115,26 +110,20 @@ def test_a_sensor_tells_how_the_jib_head_moves_and_but_for_a_constant_how_the_ca
 def test_a_levelled_camera_needs_the_sensor(crane):
     found = estimated(crane, readings())
     blind = RopeAware().estimate(crane.pixels, crane.calibration, rope_length=crane.rope, time=crane.time)
-    assert rms_deg(blind, crane) > 0.5
-    assert found.status == "ok"
-    assert rms_deg(found, crane) < 0.2
     low, high = found.intervals[0].alpha.T
-    assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.9
+    assert crane.rms_deg(blind) > 0.5
+    assert found.status == "ok"
+    assert crane.rms_deg(found) < 0.2
+    assert crane.covered(found) > 0.9
     assert np.degrees(np.median(high - low)) < 2
     assert found.diagnostics["noise_px"] == pytest.approx(1.4, abs=0.3)
     assert abs(np.degrees(found.beta) - np.degrees(crane.beta.mean())) < 0.5
 
 
 def test_a_detectors_lasting_errors_are_estimated_beside_the_sensors(crane):
-    rng, stay = np.random.default_rng(3), np.exp(-1 / 90)  # 10 s at 9 frames a second
-    lasting = lfilter([1.0], [1.0, -stay], rng.normal(0, 4.0 * np.sqrt(1 - stay**2), crane.pixels.shape), axis=0)
-    pixels, errors = crane.pixels + lasting + rng.normal(0, 0.3, crane.pixels.shape), []
-    for wander in (0.0, 4.0):
-        found = estimated(crane, readings(), pixels, wander)
-        errors.append(rms_deg(found, crane))
-    low, high = found.interval("posterior").alpha.T
-    assert np.mean((low <= crane.alpha) & (crane.alpha <= high)) > 0.9
-    assert errors[1] < 0.75 * errors[0]
+    without, found = (estimated(crane, readings(), crane.wandering(), wander) for wander in (0.0, 4.0))
+    assert crane.covered(found) > 0.9
+    assert crane.rms_deg(found) < 0.75 * crane.rms_deg(without)
 
 
 def on_ropes(level_head_m, crane):
@@ -175,9 +164,8 @@ def test_ropes_that_lean_more_than_the_grab_swing_faster_and_show_less(crane, le
     assert found.diagnostics["reach_m"] == pytest.approx(-level_head_m, abs=0.2)
     assert found.diagnostics["reach_m"] < 1e-9
     assert found.diagnostics["reach_m"] + found.diagnostics["longer_m"] == pytest.approx(-level_head_m, abs=0.15)
-    assert rms_deg(found, record) < 0.1
-    low, high = found.intervals[0].alpha.T
-    assert np.mean((low <= record.alpha) & (record.alpha <= high)) > 0.9
+    assert record.rms_deg(found) < 0.1
+    assert record.covered(found) > 0.9
 
 
 def test_missing_frames_and_outliers(crane):
@@ -225,9 +213,8 @@ def test_frames_far_apart_are_estimated_on_either_side(crane, monkeypatch):
     apart = dataclasses.replace(crane, **parts)
     found = estimated(apart, readings())
     assert found.status == "ok", found.reason
-    assert rms_deg(found, apart) < 0.2
-    low, high = found.intervals[0].alpha.T
-    assert np.mean((low <= apart.alpha) & (apart.alpha <= high)) > 0.9
+    assert apart.rms_deg(found) < 0.2
+    assert apart.covered(found) > 0.9
 
 
 def test_a_short_record_and_frames_that_hardly_differ_in_time_are_estimated_or_refused(crane):

@@ -1,8 +1,6 @@
 """A live run for hours: faults are found and reported, the controller's file is followed, memory is bounded."""
 
-import socket
 import threading
-import tomllib
 
 import msgspec
 import numpy as np
@@ -10,7 +8,9 @@ import pytest
 import swinging
 import tomli_w
 from films import film
+from streams import over_tcp
 from test_pipeline import lives, made
+from test_run import CAMERA, nothing
 
 from simgrab.errors import RecordError, RunError, SourceError
 from simgrab.instrument import pipeline as rooms
@@ -21,11 +21,11 @@ from simgrab.instrument.controller_feed import ControllerFeed
 from simgrab.instrument.estimate import MeanRay
 from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.instrument.faults import Backlog, FaultWatch
+from simgrab.instrument.observation import Observation
 from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run import run as running
 from simgrab.instrument.run.run import RunOptions
 from simgrab.instrument.source import open_source
-from simgrab.model.calibration import Calibration
 
 AT, SHIFT_PX = 150, 40.0  # frame of a knock, and how far it moves the picture: 1.5°
 
@@ -47,7 +47,7 @@ def test_memory_is_bounded(crane, monkeypatch):
     monkeypatch.setattr(rooms, "KEPT_S", 15.0)
     lengths, estimate = [], PixelRecord.estimate
     monkeypatch.setattr(PixelRecord, "estimate", lambda r, *rest: lengths.append(len(r.time)) or estimate(r, *rest))
-    list(made(estimator=MeanRay()).live([Frame(None, i / 9, "lost") for i in range(800)], crane.calibration))
+    lives([Observation(i / 9, lost="lost") for i in range(800)], crane.calibration, estimator=MeanRay())
     assert len(lengths) > 5
     assert max(lengths[1:]) == 15 * 9 + 1
 
@@ -100,13 +100,11 @@ def test_a_stream_that_is_measured_late_is_reported_and_so_is_its_end():
     assert said[9] == "frames are measured in time again"
 
 
-def followed(folder, unit="s"):
-    one = {"rate_hz": 10.0, "resolution": 0.01}
-    facts = {
-        "time": {"column": "t", "unit": unit},
-        "rope": {"column": "rope", **one},
-        "slew": {"column": "slew", **one},
-    }
+ROPE, SLEW = ({"column": name, "rate_hz": 10.0, "resolution": 0.01} for name in ("rope", "slew"))
+
+
+def followed(folder, unit="s", **more):
+    facts = {"time": {"column": "t", "unit": unit}, "rope": ROPE, "slew": SLEW} | more
     path = folder / "crane.csv"
     path.with_suffix(".toml").write_text(tomli_w.dumps(facts))
     path.write_text("t,rope,slew\n" + "5,1,1\n" * 100)
@@ -167,27 +165,21 @@ def test_a_growing_file_is_followed_and_its_silence_reported(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("slew", "others", "states"),
+    ("more", "states"),
     [
-        ({}, {"radius": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01}}, True),
-        ({}, {"luff": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01, "jib_m": 30.0}}, True),
-        ({}, {}, False),
-        ({"rate_hz": 1.0}, {"radius": {"column": "rope", "rate_hz": 10.0, "resolution": 0.01}}, False),
+        ({"radius": ROPE}, True),
+        ({"luff": ROPE | {"jib_m": 30.0}}, True),
+        ({}, False),
+        ({"slew": SLEW | {"rate_hz": 1.0}, "radius": ROPE}, False),
     ],
 )
-def test_motion_is_followed_in_slew_and_radius_that_come_as_often_as_anything_else(tmp_path, slew, others, states):
-    path = followed(tmp_path)
-    about = tomllib.loads(path.with_suffix(".toml").read_text())
-    about["slew"] |= slew
-    path.with_suffix(".toml").write_text(tomli_w.dumps(about | others))
-    assert ControllerFeed(path).states_motion == states
+def test_motion_is_followed_in_slew_and_radius_that_come_as_often_as_anything_else(tmp_path, more, states):
+    assert ControllerFeed(followed(tmp_path, **more)).states_motion == states
 
 
 def test_a_wind_that_comes_seldom_does_not_disturb_what_is_followed(tmp_path):
-    path = followed(tmp_path)
-    about = tomllib.loads(path.with_suffix(".toml").read_text())
-    wind = {"wind": {"column": "wind", "rate_hz": 0.01, "resolution": 0.1}}
-    path.with_suffix(".toml").write_text(tomli_w.dumps(about | wind))
+    wind = {"column": "wind", "rate_hz": 0.01, "resolution": 0.1}
+    path = followed(tmp_path, wind=wind)
     path.write_text("t,rope,slew,wind\n")
     feed = ControllerFeed(path)
     feed.poll(0.0, 0.0)
@@ -196,7 +188,7 @@ def test_a_wind_that_comes_seldom_does_not_disturb_what_is_followed(tmp_path):
             file.write(f"{i / 10},{20 + i / 100},1,\n")
         reported = feed.poll(i / 10, i / 10)
     assert reported.rope_at(np.array([3.9]))[0] == pytest.approx(20.39)
-    path.with_suffix(".toml").write_text(tomli_w.dumps({"time": about["time"]} | wind))
+    path.with_suffix(".toml").write_text(tomli_w.dumps({"time": {"column": "t"}, "wind": wind}))
     with pytest.raises(RecordError, match="does not read the wind; state it by --wind-m-s"):
         ControllerFeed(path)
 
@@ -212,17 +204,8 @@ def test_a_lost_stream_is_connected_again_and_a_jump_of_its_stamps_is_no_gap(tmp
     monkeypatch.setattr(video, "RETRY_S", 0.2)
     monkeypatch.setattr(video, "GIVE_UP_S", 1.0)
     first, later = (film(tmp_path / f"{s}.ts", s + np.arange(30) / 9).read_bytes() for s in (0, 4000))
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def serve():
-            for data in (first + later, first):
-                connection, _ = server.accept()
-                with connection:
-                    connection.sendall(data)
-            server.close()
-
-        threading.Thread(target=serve, daemon=True).start()
-        frames = list(open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}"))
+    with over_tcp(first + later, first) as url:
+        frames = list(open_source(url))
     times = np.array([frame.time_s for frame in frames])
     notes = [frame.note for frame in frames if frame.note]
     assert (np.diff(times) > 0).all()
@@ -233,14 +216,18 @@ def test_a_lost_stream_is_connected_again_and_a_jump_of_its_stamps_is_no_gap(tmp
     assert "no connection" in frames[-1].reason
 
 
-def test_a_long_live_run_is_written_in_parts(tmp_path, monkeypatch):
-    monkeypatch.setattr(running, "PART_S", 2.0)
-    from test_run import nothing
+def run_live(folder, frames, out="out", instrument=None, **callbacks):
+    """Measure a film in parts of two seconds."""
+    path, options = film(folder / "a.mp4", np.arange(frames) / 9), RunOptions(live=True, video=False)
+    with pytest.MonkeyPatch.context() as short:
+        short.setattr(running, "PART_S", 2.0)
+        instrument = instrument or Pipeline(nothing, None)
+        return running.run(path, CAMERA, out and folder / out, instrument, options, **callbacks)
 
-    path, lines = film(tmp_path / "a.mp4", np.arange(45) / 9), []
-    options = RunOptions(live=True, video=False)
-    found = running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None), options,
-                        report=lines.append)  # fmt: skip
+
+def test_a_long_live_run_is_written_in_parts(tmp_path):
+    lines = []
+    found = run_live(tmp_path, 45, report=lines.append)
     parts = [running.runs.load(tmp_path / name) for name in ("out", "out-2", "out-3")]
     times = np.concatenate([part.time for part in parts])
     np.testing.assert_allclose(times, np.arange(45) / 9, atol=1e-3)
@@ -251,9 +238,6 @@ def test_a_long_live_run_is_written_in_parts(tmp_path, monkeypatch):
 
 
 def test_frames_are_measured_while_a_part_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(running, "PART_S", 2.0)
-    from test_run import nothing
-
     write, further = running._write, threading.Event()
 
     def waiting(*args, **options):
@@ -261,33 +245,23 @@ def test_frames_are_measured_while_a_part_is_written(tmp_path, monkeypatch):
         write(*args, **options)
 
     monkeypatch.setattr(running, "_write", waiting)
-    path = film(tmp_path / "a.mp4", np.arange(30) / 9)
-    running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
-                RunOptions(live=True, video=False), progress=lambda done, _: done < 25 or further.set())  # fmt: skip
+    run_live(tmp_path, 30, progress=lambda done, _: done < 25 or further.set())
     assert (tmp_path / "out/run.json").exists()
     assert (tmp_path / "out-2/run.json").exists()
 
 
 @pytest.mark.parametrize("frames", [30, 300])
 def test_a_part_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch, frames):
-    monkeypatch.setattr(running, "PART_S", 2.0)
-    from test_run import nothing
-
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(running, "_write", full)
-    path = film(tmp_path / "a.mp4", np.arange(frames) / 9)
     with pytest.raises(RunError, match="No space left"):
-        running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
-                    RunOptions(live=True, video=False))  # fmt: skip
+        run_live(tmp_path, frames)
     assert [left.name for left in tmp_path.iterdir()] == ["a.mp4"]
 
 
 def test_what_prevented_a_part_is_noted_with_what_ended_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(running, "PART_S", 2.0)
-    from test_run import nothing
-
     ended, add = threading.Event(), running._Parts.add_writing_to
 
     def adds(parts, problem):
@@ -304,10 +278,8 @@ def test_what_prevented_a_part_is_noted_with_what_ended_the_run(tmp_path, monkey
 
     monkeypatch.setattr(running, "_write", full)
     monkeypatch.setattr(running._Parts, "add_writing_to", adds)
-    path = film(tmp_path / "a.mp4", np.arange(30) / 9)
     with pytest.raises(SourceError, match="the picture is gone") as found:
-        running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), tmp_path / "out", Pipeline(nothing, None),
-                    RunOptions(live=True, video=False), progress=stop)  # fmt: skip
+        run_live(tmp_path, 30, progress=stop)
     assert "No space left" in found.value.__notes__[0]
     assert [left.name for left in tmp_path.iterdir()] == ["a.mp4"]
 
@@ -320,11 +292,8 @@ def test_what_prevented_a_part_is_noted_with_what_ended_the_run(tmp_path, monkey
     ],
 )
 def test_a_live_run_on_a_file_says_what_it_uses_of_the_controller(tmp_path, clock_sd_s, used):
-    from test_run import nothing
-
     time, lines = np.arange(60) / 10, []
     reported = Controller(time, 0.1 * time, 20 + 0 * time, 15 + 0 * time, clock_sd_s=clock_sd_s)
     instrument = Pipeline(nothing, None, controller=reported)
-    path, options = film(tmp_path / "a.mp4", np.arange(20) / 9), RunOptions(live=True, video=False)
-    running.run(path, Calibration(64, 36, 60.0, 32.0, 18.0), None, instrument, options, report=lines.append)
+    run_live(tmp_path, 20, None, instrument, report=lines.append)
     assert lines == [f"tilt: by rope-aware; of the controller the rope length is used{used}"]

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from nets import CELLS, constant_yolo, hand_made, rows, with_metadata
+from nets import CELLS, constant_yolo, hand_made, info, number, rows, save, with_metadata
 
 from simgrab.errors import DetectorError, ReaderError
 from simgrab.instrument import net as nets
@@ -23,23 +23,13 @@ onnx = pytest.importorskip("onnx")
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 
 PICTURE = np.zeros((64, 64, 3), np.uint8)
-NODE, FLOATS = helper.make_node, helper.make_tensor_value_info
+NODE = helper.make_node
 
 
 def saved(path, nodes, weights=(), *, output=None, taken=(1, 3, 64, 64), domain="", metadata=None):
     """A net of one input, ``images``, and one output, ``output``."""
-    graph = helper.make_graph(
-        nodes,
-        "g",
-        [FLOATS("images", TensorProto.FLOAT, taken)],
-        [output or FLOATS("output", TensorProto.FLOAT, None)],
-        weights,
-    )
-    opsets = [helper.make_opsetid("", 18)] + [helper.make_opsetid(domain, 1)] * bool(domain)
-    model = helper.make_model(graph, opset_imports=opsets, ir_version=10)
-    helper.set_model_props(model, metadata or {})
-    path.write_bytes(model.SerializeToString())
-    return path
+    outputs = [output or info("output", None)]
+    return save(path, nodes, [info("images", taken)], outputs, weights, metadata=metadata, domain=domain)
 
 
 def refusals(path):
@@ -52,10 +42,6 @@ def refusals(path):
         assert len(said[-1]) < 900
         assert said[-1].replace(str(path), "").isprintable()
     return said
-
-
-def number(name, value, kind=np.float32):
-    return numpy_helper.from_array(np.asarray(value, kind), name)
 
 
 # Other files -----------------------------------------------------------------------------------------------------
@@ -77,7 +63,7 @@ def in_constant(tensor):
 
 def in_branch(tensor):
     then, other = (
-        helper.make_graph([NODE("Identity", [name], [f"{name}2"])], "b", [], [FLOATS(f"{name}2", 1, None)], [weight])
+        helper.make_graph([NODE("Identity", [name], [f"{name}2"])], "b", [], [info(f"{name}2", None)], [weight])
         for name, weight in (("w", tensor), ("v", number("v", [0.0])))
     )
     yes = number("yes", True, bool)
@@ -179,7 +165,7 @@ def nested(depth):
         {"nodes": [NODE("SequenceConstruct", ["images"], ["output"])],
          "output": helper.make_tensor_sequence_value_info("output", TensorProto.FLOAT, None)},
         {"nodes": [NODE("Cast", ["images"], ["output"], to=TensorProto.STRING)],
-         "output": FLOATS("output", TensorProto.STRING, None)},
+         "output": info("output", None, TensorProto.STRING)},
         {"nodes": [NODE("ReduceMean", ["images"], ["output"], keepdims=0)]},
         {"nodes": [NODE("Identity", ["images"], ["output"])], "taken": None},
         {"nodes": [NODE("Identity", ["images"], ["output"])], "taken": ["a", "b", "c", "d"]},
@@ -231,7 +217,7 @@ def test_outputs_are_limited(tmp_path):
     one = np.ones((1, 3, 64, 64), np.float32)
     with pytest.raises(DetectorError, match="output has more than 67108864 numbers"):
         nets.open_net(growing(tmp_path / "n.onnx", nets.MOST_NUMBERS + 1))(one)
-    stated = FLOATS("output", TensorProto.FLOAT, [1, 10**6, 1000])
+    stated = info("output", [1, 10**6, 1000])
     nodes = [NODE("ReduceMean", ["images"], ["m"], keepdims=0), NODE("Expand", ["m", "s"], ["output"])]
     wide = number("s", [1, 10**6, 1000], np.int64)
     for said in refusals(saved(tmp_path / "n.onnx", nodes, [wide], output=stated)):
@@ -254,8 +240,8 @@ def test_a_loop_that_never_ends_is_stopped(tmp_path, monkeypatch):
     body = helper.make_graph(
         [NODE("Identity", ["go"], ["go2"]), NODE("Identity", ["v"], ["v2"])],
         "body",
-        [FLOATS("i", TensorProto.INT64, []), FLOATS("go", TensorProto.BOOL, []), FLOATS("v", TensorProto.FLOAT, None)],
-        [FLOATS("go2", TensorProto.BOOL, []), FLOATS("v2", TensorProto.FLOAT, None)],
+        [info("i", [], TensorProto.INT64), info("go", [], TensorProto.BOOL), info("v", None)],
+        [info("go2", [], TensorProto.BOOL), info("v2", None)],
     )
     path = saved(
         tmp_path / "n.onnx", [NODE("Loop", ["", "go0", "images"], ["output"], body=body)], [number("go0", True, bool)]

@@ -269,5 +269,3 @@ def test_wrong_times_raise():
     for times in ([0.0, 0.0, 1.0], [0.0, np.nan, 1.0], [0.0, 1.0]):
         with pytest.raises(ValueError, match="times"):
             consistent(np.array(times), np.zeros(3))
-    with pytest.raises(ValueError, match="speed"):
-        Hoist(speed_m_s=0.0)

@@ -30,7 +30,6 @@ from simgrab.instrument.estimate.follow import load as load_tilt
 from simgrab.instrument.observation import Observation
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline
 from simgrab.instrument.read import Reader
-from simgrab.instrument.rope import Rope
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.assumed import _of_size, assumptions
 from simgrab.instrument.run.page import page
@@ -164,7 +163,11 @@ def nothing(_picture):
     return Detection("none", "nothing found", 0.0)
 
 
-nothing.name = "nobody"
+def middle(_picture):
+    return Detection("found", "", 0.9, np.array([20.0, 10.0, 40.0, 30.0]), np.array([30.0, 20.0]))
+
+
+nothing.name, middle.name = "nobody", "middle"
 CAMERA = Calibration(64, 36, 60.0, 32.0, 18.0)
 
 
@@ -182,21 +185,9 @@ def test_clips_that_show_nothing_give_a_run_with_reasons(tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
     assert not (tmp_path / "out" / "tilt.toml").exists()
     grey = film(tmp_path / "grey.mp4", np.arange(5) / 9, (1920, 1080))
-    result = run(grey, camera, tmp_path / "grey", Pipeline(Oracle(list(_rows_in_the_middle())), Reader()))
+    result = run(grey, camera, tmp_path / "grey", Pipeline(middle, Reader()))
     assert {m.status for m in result.measurements} == {"unread"}
     assert "no digits where the layout has the display" in {m.reason for m in result.measurements}
-
-
-def _rows_in_the_middle():
-    from types import SimpleNamespace
-
-    for _ in range(5):
-        yield SimpleNamespace(
-            box_x0_px=900, box_y0_px=500, box_x1_px=1000, box_y1_px=600, grab_u_px=950.0, grab_v_px=550.0,
-            jib_from_grab=np.eye(4)[:3].ravel() + [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, -20],
-            jib_from_camera=np.array([[0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0]], float).ravel(),
-            width_px=1920, height_px=1080, fx_px=1600.0, cx_px=960.0, cy_px=540.0, k1=0, k2=0, p1=0, p2=0, k3=0,
-        )  # fmt: skip
 
 
 @pytest.mark.parametrize("live", [False, True])
@@ -247,10 +238,6 @@ def test_a_source_without_frames_is_refused(calibrate_s):
 
 
 def test_a_run_with_too_few_frames_says_so():
-    def middle(_picture):
-        return Detection("found", "", 0.9, np.array([20.0, 10.0, 40.0, 30.0]), np.array([30.0, 20.0]))
-
-    middle.name = "middle"
     found = measure([Frame(picture(i), None) for i in range(2)], CAMERA, Pipeline(middle, None), source="two")
     assert found.failure.endswith("(2 refused; mean-ray refused: 2 frames: fewer than the 3 parameters)")
     assert {m.reason for m in found.measurements} == {"no tilt: 2 frames: fewer than the 3 parameters"}
@@ -461,6 +448,9 @@ ACTS = {
         lambda frames: [MEASURED if i != 9 else Measurement(status="ok") for i, _ in enumerate(list(frames))],
         "frame 9: status 'ok' needs alpha",
     ),
+    "gives an angle of no grab": (outputs(status="missed", reason="-"), "alpha is only allowed with status 'ok'"),
+    "gives no reason": (outputs(status="lost", alpha=None), "a reason is required unless the status is 'ok'"),
+    "gives a reason with an angle": (outputs(reason="why"), "a reason is required unless the status is 'ok'"),
     "gives a status of its own": (outputs(status="fine"), "frame 0: status: invalid enum value 'fine'; there are: ok,"),
     "gives nan": (outputs(alpha=float("nan")), "frame 0: alpha"),
     "gives a centre of nan": (outputs(centre=(float("nan"), 1.0)), "centre: (nan, 1.0) is not finite"),
@@ -757,7 +747,5 @@ def test_a_run_states_whether_the_load_was_used(smooths, tonnes, used, imu):
     load = np.column_stack([time, 1e3 * np.where(time < 4, 2.0, tonnes)])
     reported = Controller(time, time / 50, time + 20, load=load, grab_kg=2000.0)
     kind = PendulumSmoother(controller=reported, imu=imu) if smooths else PaperIteration()
-    record = MeasuredRecord(
-        arrays([Observation(t) for t in time], Rope(time, time < 0)), (), None, None, estimator=kind
-    )
+    record = MeasuredRecord(arrays([Observation(t) for t in time], time), (), None, None, estimator=kind)
     assert _controller(Pipeline(None, None, controller=reported), record)["load_used"] is used

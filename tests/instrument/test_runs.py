@@ -4,32 +4,27 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from films import picture
+from test_run import CAMERA, Acting
 
 from simgrab.errors import RunError
 from simgrab.instrument.contract import Frame, Measurement
 from simgrab.instrument.run import runs
 from simgrab.instrument.run.run import measure
-from simgrab.model.calibration import Calibration
-
-CAMERA = Calibration(64, 48, 60.0, 32.0, 24.0)
 
 
-class Fixed:
-    name = "fixed"
-
-    def __call__(self, frames, calibration):  # noqa: ARG002
-        return [
-            Measurement(status="ok", alpha=0.2, danger=0.9, centre=(30.0 + i, 20.0), rope_text="1500 1600")
-            if frame.picture is not None
-            else Measurement(status="lost", reason=frame.reason)
-            for i, frame in enumerate(frames)
-        ]
+def fixed(frames):
+    for i, frame in enumerate(frames):
+        if frame.picture is None:
+            yield Measurement(status="lost", reason=frame.reason)
+        else:
+            yield Measurement(status="ok", alpha=0.2, danger=0.9, centre=(30.0 + i, 20.0), rope_text="1500 1600")
 
 
 @pytest.fixture
 def made():
-    frames = [Frame(np.zeros((48, 64, 3), np.uint8), i / 9) for i in range(11)]
-    return measure([*frames, Frame(None, 11 / 9, "gone")], CAMERA, Fixed(), source="video")
+    frames = [Frame(picture(i), i / 9) for i in range(11)]
+    return measure([*frames, Frame(None, 11 / 9, "gone")], CAMERA, Acting(fixed), source="video")
 
 
 @pytest.fixture

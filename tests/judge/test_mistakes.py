@@ -169,7 +169,8 @@ def test_an_offset_that_is_wrong_otherwise_is_named(follows, used, rope_known, t
     rows, true = rows_of(scenes.load("quay-day", {"camera.offset_x_m": 0.5, "camera.offset_y_m": 0.9, "frames": 32}))
     by = (np.array(used) - [0.5, 0.9]) / ropes(rows)
     measured = leaning(rows, lean=-by.mean(axis=0) if follows else np.zeros(2), shift=by)
-    assert named(measured, true, rows, 0.005, rope_known=rope_known) == f"The angles are as {text}"
+    tilt = ", and the tilt that is estimated with it" * (follows and "in place of" in text)
+    assert named(measured, true, rows, 0.005, rope_known=rope_known) == f"The angles are as {text}{tilt}"
 
 
 def test_an_offset_on_ropes_of_similar_lengths_is_named():

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from simgrab.instrument.estimate import GeometricMedian, MeanRay, PaperIteration, RopeAware
+from simgrab.instrument.estimate import (
+    GeometricMedian,
+    MeanRay,
+    PaperIteration,
+    RopeAware,
+    geometric_median,
+    rope_aware,
+)
 from simgrab.instrument.estimate.frames import gravity
 from simgrab.instrument.estimate.intervals import of_scale
 from tests.instrument import studies
@@ -25,9 +32,10 @@ def test_under_rayleigh_none_beats_the_mean_ray(beta_deg):
         assert studies.beats(scores[name], scores["mean-ray"]) < 2, name
 
 
-def test_the_geometric_median_is_where_the_mean_angle_is_least():
+def test_the_geometric_median_is_where_the_mean_angle_is_least(monkeypatch):
+    monkeypatch.setattr(geometric_median, "SMOOTHING", 1e-7)
     d = studies.draw("exponential", 3, 200)
-    found = GeometricMedian(smoothing=1e-7).batch(d.pixels, studies.camera())
+    found = GeometricMedian().batch(d.pixels, studies.camera())
     rays = studies.camera().intrinsics.rays(d.pixels) @ np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])
     for i in range(3):
 
@@ -51,10 +59,12 @@ def test_rope_aware_finds_tilt_and_swing_beside_the_rope(law, offset):
 
 
 @pytest.mark.parametrize("law", studies.LAWS)
-def test_rope_aware_ends_within_its_tolerance_and_whatever_its_company(law):
+def test_rope_aware_ends_within_its_tolerance_and_whatever_its_company(law, monkeypatch):
     d = studies.draw(law, 30, 100, rope=(8.0, 35.0), offset=np.array([0.6, -0.8, 0.1]))
     found = RopeAware().batch(d.pixels, studies.camera(), rope_length=d.rope)
-    limit = RopeAware(tolerance=1e-13).batch(d.pixels, studies.camera(), rope_length=d.rope)
+    with monkeypatch.context() as exact:
+        exact.setattr(rope_aware, "TOLERANCE", 1e-13)
+        limit = RopeAware().batch(d.pixels, studies.camera(), rope_length=d.rope)
     np.testing.assert_allclose(found.beta, limit.beta, atol=2e-8)
     np.testing.assert_allclose(found.alpha, limit.alpha, atol=2e-8)
     easy = np.tile(studies.camera().intrinsics.project([[0.3, 0.2, 9.0], [-0.3, -0.2, 9.0]]), (50, 1))

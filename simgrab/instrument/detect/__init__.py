@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from simgrab.errors import DetectorError
 from simgrab.instrument.detect.contract import Detector
 from simgrab.instrument.detect.grab import BUNDLED, COARSE, POSE, WEIGHTS, GrabDetector
 from simgrab.instrument.detect.yolo import Yolo
@@ -35,10 +34,6 @@ def detector(name: str | Path = BUNDLED) -> Detector:
     'none'
     """
     path = located(name)
-    if path == WEIGHTS and not (path / "coarse.onnx").exists():
-        raise DetectorError(
-            "no weights are bundled: name a folder that `simgrab train detector` wrote, or a YOLO's .onnx"
-        )
     if os.path.isdir(path):  # noqa: PTH112  # unlike Path.is_dir answers no where a name is too long
         return GrabDetector(path)
     net = open_net(path)

@@ -78,7 +78,9 @@ class Yolo:
         # Its output on a blank picture shows shapes that the file leaves free, and whether places are decoded.
         blank = self._run(np.full((1, 3, self.height, self.width), 0.5, np.float32))
         found = layout(blank, self.height, self.width)
-        if found is None or not _detects(self._net, self.height, self.width):
+        # Coefficients of masks or key points would be taken for class scores.
+        masks = any(s[2:] == (self.height // 4, self.width // 4) for s in self._net.outputs.values() if len(s) == 4)
+        if found is None or self._net.metadata.get("task", "detect") != "detect" or masks:
             raise DetectorError(f"{self._net.path} is not a detector: {EXPECTED}; this has {self._net}")
         self.layout = found
         self.column = _column(self._net, blank.shape[1 if found.family == "yolov8" else 2] - found.columns)
@@ -115,12 +117,6 @@ class Yolo:
     def _run(self, pictures: NDArray[np.float32]) -> NDArray[np.floating[Any]]:
         """Return the first output; exporters may add others, of any type."""
         return self._net(pictures, [next(iter(self._net.outputs))])[0]
-
-
-def _detects(net: Net, height: int, width: int) -> bool:
-    """Whether the net predicts boxes alone: coefficients of masks or key points would be taken for class scores."""
-    masks = any(shape[2:] == (height // 4, width // 4) for shape in net.outputs.values() if len(shape) == 4)
-    return net.metadata.get("task", "detect") == "detect" and not masks
 
 
 def layout(out: NDArray[np.generic], height: int, width: int) -> OutputLayout | None:

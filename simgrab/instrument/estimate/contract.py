@@ -116,8 +116,8 @@ class Estimator(ABC):
         time : array_like, shape (n,), optional
             Seconds. Without it there are no intervals by blocks.
         pixel_sd : array_like, shape (n,), optional
-            Standard deviation of each pixel coordinate, px, as the detector states it. It widens the intervals of α, in
-            addition to the settings' `pixel_sd_px`. The smoother estimates the noise itself.
+            Standard deviation of each pixel coordinate, px, as the detector states it. It widens the intervals of α.
+            The smoother estimates the noise itself.
 
         Returns
         -------
@@ -182,57 +182,46 @@ class FrameEstimator(Estimator):
         """Solve M records, each with enough frames."""
 
     def _conclude(self, frames: Frames, calibration: Calibration) -> Estimates:
-        pixel_sd = self.intervals.pixel_sd_px / calibration.focal_length_px
-        return conclude(self.name, frames, self._solve(frames, calibration), self.intervals, pixel_sd)
-
-
-def conclude(name: str, frames: Frames, solution: Solution, settings: IntervalSettings, pixel_sd: float) -> Estimates:
-    """Angles of every frame, σ, and the intervals of all three, from a solution; the noise of a ray is in radians."""
-    noise = np.full(frames.rays.shape[::2], pixel_sd**2)
-    if frames.noise is not None:
-        noise += frames.noise
-    ok = np.array([not r for r in solution.reason], bool)
-    beta = np.where(ok, solution.beta, np.nan)
-    azimuth = np.where(ok, solution.azimuth, np.nan)
-    swing = tangent_basis(beta, azimuth) @ frames.rays if solution.swing is None else solution.swing
-    alpha, unit = angles_of(swing)
-    if frames.present is not None:
+        """Angles of every frame, σ, and the intervals of all three, from a solution."""
+        solution, settings = self._solve(frames, calibration), self.intervals
+        ok = np.array([not r for r in solution.reason], bool)
+        beta = np.where(ok, solution.beta, np.nan)
+        azimuth = np.where(ok, solution.azimuth, np.nan)
+        swing = tangent_basis(beta, azimuth) @ frames.rays if solution.swing is None else solution.swing
+        alpha, unit = angles_of(swing)
         alpha = np.where(frames.present, alpha, 0.0)
-    sigma2 = frames.mean(alpha**2)
-    influence = np.concatenate([solution.influence, _of_sigma2(frames, solution, alpha, unit, sigma2)], axis=1)
-    sigma = np.sqrt(sigma2)
-    # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
-    bare = 2 * (1 - np.linalg.norm(frames.mean(frames.rays), axis=-1)) < NO_SCATTER**2
+        sigma2 = frames.mean(alpha**2)
+        influence = np.concatenate([solution.influence, _of_sigma2(frames, solution, alpha, unit, sigma2)], axis=1)
+        sigma = np.sqrt(sigma2)
+        # Identical frames have no scatter, whatever rounding makes of it, and so no interval.
+        bare = 2 * (1 - np.linalg.norm(frames.mean(frames.rays), axis=-1)) < NO_SCATTER**2
 
-    def made(kind: str, covariance: Array, skewness: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
-        q = iv.student(settings.level, degrees)
-        covariance = covariance if solution.known is None else covariance + solution.known
-        cov = covariance[:, :-1, :-1].copy()
-        cov[:, [0, 1], [0, 1]] += settings.lean_variance
-        of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
-        if solution.reach is not None:
-            below, above = (iv.radial(beta, (far / q) ** 2, cov[:, 1, 1], q) for far in solution.reach(cov, q))
-            of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
-        of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skewness, q)
-        of_alpha = alpha_ends(alpha, unit, cov, q, solution.lever, noise, solution.radial)
-        if frames.present is not None:
+        def made(kind: str, covariance: Array, skew: Array, degrees: Array, blocks: int | None, note: str) -> Intervals:
+            q = iv.student(iv.LEVEL, degrees)
+            covariance = covariance if solution.known is None else covariance + solution.known
+            cov = covariance[:, :-1, :-1].copy()
+            cov[:, [0, 1], [0, 1]] += settings.lean_variance
+            of_beta = iv.radial(beta, cov[:, 0, 0], cov[:, 1, 1], q)
+            if solution.reach is not None:
+                below, above = (iv.radial(beta, (far / q) ** 2, cov[:, 1, 1], q) for far in solution.reach(cov, q))
+                of_beta = np.stack([below[:, 0], above[:, 1]], axis=-1)
+            of_sigma = iv.of_scale(sigma, covariance[:, -1, -1], skew, q)
+            of_alpha = alpha_ends(alpha, unit, cov, q, solution.lever, frames.noise, solution.radial)
             of_alpha = np.where(frames.present[..., None], of_alpha, np.nan)
-        for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
-            ends[bare] = np.nan
-        return Intervals(kind, settings.level, of_beta, of_sigma, of_alpha, blocks, note, cov)
+            for ends in (of_beta, of_sigma, of_alpha) if bare.any() else ():
+                ends[bare] = np.nan
+            return Intervals(kind, iv.LEVEL, of_beta, of_sigma, of_alpha, blocks, note, cov)
 
-    independent, skewness = iv.independent(frames.time, frames.count, settings), iv.skewness(influence[:, -1])
-    covariance = iv.iid_covariance(influence, frames.count, independent)
-    apart = "" if frames.time is None or not settings.apart_s else f"of frames {settings.apart_s:g} s apart"
-    kinds = [made("iid", covariance, skewness, independent - 1, None, apart)]
-    if not settings.apart_s:
-        kinds.append(_by_blocks(frames, influence, settings, made))
-    if frames.present is not None:
-        alpha = np.where(frames.present, alpha, np.nan)
-    return Estimates(
-        name, ok, np.array(solution.reason, str), frames.count.astype(np.int64),
-        beta, azimuth, sigma, alpha, solution.offset, tuple(kinds), solution.diagnostics,
-    )  # fmt: skip
+        independent, skewness = iv.independent(frames.time, frames.count, settings), iv.skewness(influence[:, -1])
+        covariance = iv.iid_covariance(influence, frames.count, independent)
+        apart = "" if frames.time is None or not settings.apart_s else f"of frames {settings.apart_s:g} s apart"
+        kinds = [made("iid", covariance, skewness, independent - 1, None, apart)]
+        if not settings.apart_s:
+            kinds.append(_by_blocks(frames, influence, settings, made))
+        return Estimates(
+            self.name, ok, np.array(solution.reason, str), frames.count.astype(np.int64), beta, azimuth, sigma,
+            np.where(frames.present, alpha, np.nan), solution.offset, tuple(kinds), solution.diagnostics,
+        )  # fmt: skip
 
 
 def angles_of(swing: Array) -> tuple[Array, Array]:
@@ -243,9 +232,7 @@ def angles_of(swing: Array) -> tuple[Array, Array]:
 
 def _of_sigma2(frames: Frames, solution: Solution, alpha: Array, unit: Array, sigma2: Array) -> Array:
     """Influence on σ̂² = mean α², which also depends on the estimated direction of gravity: shape (M, 1, n)."""
-    own = alpha**2 - sigma2[:, None]
-    if frames.present is not None:
-        own = own * frames.present
+    own = (alpha**2 - sigma2[:, None]) * frames.present
     pull = alpha[:, None] * unit
     slope = [-2 * frames.mean(pull)]
     if solution.lever is not None:
@@ -286,10 +273,10 @@ def alpha_ends(
 
 def _by_blocks(frames: Frames, influence: Array, settings: IntervalSettings, made: Any) -> Intervals:
     if frames.time is None:
-        return Intervals("blocks", settings.level, None, None, None, None, "no times were given")
+        return Intervals("blocks", iv.LEVEL, None, None, None, None, "no times were given")
     block, blocks = iv.block_of(frames.time, settings)
-    if blocks < settings.min_blocks:
-        return Intervals("blocks", settings.level, None, None, None, blocks, iv.too_few(blocks, settings))
+    if blocks < iv.MIN_BLOCKS:
+        return Intervals("blocks", iv.LEVEL, None, None, None, blocks, iv.too_few(blocks, settings))
     covariance = iv.block_covariance(influence, frames.count, block, blocks)
     few = np.zeros(len(covariance))  # of so few blocks nothing is known about their skewness
     result: Intervals = made("blocks", covariance, few, few + blocks - 1, blocks, "")

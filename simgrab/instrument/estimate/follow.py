@@ -27,7 +27,6 @@ from simgrab.model.records.estimates import Estimate
 Meta = msgspec.Meta
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Pitch = Annotated[float, Meta(ge=-20, le=20)]
-LEVEL = 0.95
 WEAK_PRIOR_OFFSET, WEAK_PRIOR_IF_FIXED = "weak_prior_offset_m", "weak_prior_offset_if_fixed_m"  # diagnostics
 FAR, FAR_IF_FIXED = 2.0, 3.0  # standard deviations
 PITCHING = "", "rigid"  # mounts, if not stated
@@ -153,7 +152,7 @@ def _components(offset: Array | None) -> tuple[float, float, float] | None:
 def _of_beta(estimate: Estimate) -> Array:
     """Covariance of gravity from the interval of β alone, equal across the tilt; the offset is taken as exact."""
     ends = next((i.beta for i in estimate.intervals if i.beta is not None), None)
-    sd = 0.0 if ends is None else float(ends[1] - ends[0]) / (2 * float(iv.student(LEVEL, np.inf)))
+    sd = 0.0 if ends is None else float(ends[1] - ends[0]) / (2 * float(iv.student(iv.LEVEL, np.inf)))
     return np.diag([sd**2, sd**2, *([] if estimate.offset is None else [0.0, 0.0])])
 
 
@@ -218,15 +217,14 @@ def follow(
         lever = 1 / rope
     with np.errstate(invalid="ignore"):  # no swing reaches a rope that is shorter than the offset
         across = swings(
-            frames, np.ones(1) if lever is None else lever, gravity(beta, azimuth),
+            frames.rays, np.ones(1) if lever is None else lever, gravity(beta, azimuth),
             np.array([tilt.offset_m or (0.0, 0.0, 0.0)]),
         )  # fmt: skip
     if lever is not None:
         radial = np.sum(across**2, axis=1) * (calibration.offset_sd_m * lever) ** 2
     alpha, unit = angles_of(along_tilt(across, azimuth))
-    noise = np.zeros_like(alpha) if frames.noise is None else frames.noise
-    quantile = iv.student(LEVEL, np.array([np.inf]))
-    ends = alpha_ends(alpha, unit, covariance, quantile, lever, noise, radial)[0]
+    quantile = iv.student(iv.LEVEL, np.array([np.inf]))
+    ends = alpha_ends(alpha, unit, covariance, quantile, lever, frames.noise, radial)[0]
     seen = np.isfinite(uv[0]).all(axis=-1)
     some = seen[:, None]
     return np.where(seen, alpha[0], np.nan), np.where(some, ends, np.nan), np.where(some, across[0].T, np.nan)
@@ -243,8 +241,7 @@ def _as_of(tilt: Known, frames: Frames, radii: Radii) -> Frames:
     off = np.hypot(np.deg2rad(tilt.pitch_sd_deg_per_m) * further, np.hypot(*pitch) * radii.sd)
     most = iv.LEAN_BY_MOUNT["rigid"]
     noise = np.where(np.isnan(radii.value), most, np.minimum(off, most)) ** 2
-    noise = noise + (0.0 if frames.noise is None else frames.noise)
-    return replace(frames, rays=np.einsum("nij,mjn->min", back, frames.rays), noise=noise)
+    return replace(frames, rays=np.einsum("nij,mjn->min", back, frames.rays), noise=noise + frames.noise)
 
 
 def tested_offsets(estimate: Estimate) -> tuple[Array | None, Array | None]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,52 +33,45 @@ class Frames:
     ----------
     rays : ndarray, shape (M, 3, n)
         Unit rays in the mount frame; zero where the frame is missing.
-    present : ndarray of bool, shape (M, n), or None
-        None when no frame is missing.
-    count : ndarray, shape (M,)
-        Frames present, as float.
+    present : ndarray of bool, shape (M, n)
     rope_length : ndarray, shape (M, n), or None
         \|OA\|, m.
     time : ndarray, shape (n,), or None
         Seconds.
-    noise : ndarray, shape (M, n), or None
+    noise : ndarray, shape (M, n)
         Variance of each ray across itself, per axis, rad², by the pixel and by a mount on which the camera leans as the
         crane works; finite at missing frames too.
     """
 
     rays: Array
-    present: NDArray[np.bool_] | None
-    count: Array
+    present: NDArray[np.bool_]
     rope_length: Array | None
     time: Array | None
-    noise: Array | None = None
+    noise: Array
+
+    @cached_property
+    def count(self) -> Array:
+        """How many frames of each record are present, (M,), as float."""
+        return np.asarray(self.present.sum(axis=-1), float)
 
     def mean(self, values: Array) -> Array:
         """Mean over the frames present, shape (..., n) → (...); ``values`` must be finite at missing frames too."""
-        if self.present is None:
+        if self.present.all():
             return np.asarray(values.mean(axis=-1))
         present = self.present if values.ndim == 2 else self.present[:, None]
         count = self.count.reshape(-1, *[1] * (values.ndim - 2))
         return np.asarray((values * present).sum(axis=-1) / np.maximum(count, 1))
 
-    def median(self, values: Array) -> Array:
-        """Median over the frames present, shape (M, n) → (M,)."""
-        if self.present is None:
-            return np.asarray(np.median(values, axis=-1))
-        return np.asarray(np.nanmedian(np.where(self.present, values, np.nan), axis=-1))
-
-    def places(self) -> tuple[NDArray[np.bool_], Array]:
-        """Presence of each frame of the only record (n,), and its ray's x and y over the depth (n, 2), else 0."""
-        seen = np.ones(self.rays.shape[-1], bool) if self.present is None else self.present[0]
-        return seen, (self.rays[0, :2] / np.where(seen, -self.rays[0, 2], 1.0)).T
+    def places(self) -> Array:
+        """Ray's x and y over the depth in the frames of the only record (n, 2); 0 where one is missing."""
+        return (self.rays[0, :2] / np.where(self.present[0], -self.rays[0, 2], 1.0)).T
 
     def rows(self, keep: NDArray[np.bool_]) -> Frames:
         """Keep some of the records."""
         if keep.all():
             return self
-        present = None if self.present is None else self.present[keep]
-        rope, noise = (None if a is None else a[keep] for a in (self.rope_length, self.noise))
-        return Frames(self.rays[keep], present, self.count[keep], rope, self.time, noise)
+        rope = None if self.rope_length is None else self.rope_length[keep]
+        return Frames(self.rays[keep], self.present[keep], rope, self.time, self.noise[keep])
 
 
 def interpolated(at: NDArray[Any], time: NDArray[Any], values: Array) -> Array:
@@ -161,15 +155,13 @@ def groups(
     for some in (slice(first, first + step) for first in range(0, max(m, 1), step)):
         towards = calibration.intrinsics.rays(pixels[some]) @ mount_from_camera(calibration).T
         rays = np.ascontiguousarray(towards.swapaxes(1, 2))
-        there = np.isfinite(rays[:, 0])
-        present = None if there.all() else there
-        if present is not None:
-            rays = np.where(present[:, None], rays, 0.0)
+        present = np.isfinite(rays[:, 0])
+        rays = np.where(present[:, None], rays, 0.0)
         length = None if rope is None else rope[some]
-        noise = None if pixel_sd is None else np.nan_to_num(pixel_sd[some] / calibration.focal_length_px) ** 2
-        if lean:
-            noise = (np.zeros(there.shape) if noise is None else noise) + lean**2
-        yield Frames(rays, present, there.sum(axis=-1).astype(float), length, time, noise)
+        noise = np.full(present.shape, lean**2)
+        if pixel_sd is not None:
+            noise += np.nan_to_num(pixel_sd[some] / calibration.focal_length_px) ** 2
+        yield Frames(rays, present, length, time, noise)
 
 
 def gravity(beta: ArrayLike, azimuth: ArrayLike) -> Array:

@@ -13,6 +13,9 @@ from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 
+SMOOTHING = 1e-3  # ε over the mean angle
+TOLERANCE, MAX_ITERATIONS = 1e-7, 200  # the iteration ends at a shorter step, rad
+
 
 @dataclass(frozen=True)
 class GeometricMedian(FrameEstimator):
@@ -21,40 +24,23 @@ class GeometricMedian(FrameEstimator):
     The angle α is smoothed to arccos(cosα/√(1+ε²)), with ε a thousandth of the mean angle from the mean ray: far
     below the standard error, and enough to make the median unique on collinear points. Where the density of rays is
     singular at gravity, as under the paper's half-normal α, this beats every mean.
-
-    Attributes
-    ----------
-    smoothing : float
-        ε over the mean angle.
-    tolerance : float
-        The iteration ends at a step below this, rad.
-    max_iterations : int
     """
 
     name: ClassVar[str] = "geometric-median"
-
-    smoothing: float = 1e-3
-    tolerance: float = 1e-7
-    max_iterations: int = 200
 
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:  # noqa: ARG002
         start = frames.mean(frames.rays)
         start /= np.linalg.norm(start, axis=-1, keepdims=True)
         x, y, _ = np.moveaxis(tangent_basis(*tilt_of(start)) @ frames.rays, 1, 0)
-        epsilon = np.maximum(self.smoothing * frames.mean(np.hypot(x, y)), 1e-9)
+        epsilon = np.maximum(SMOOTHING * frames.mean(np.hypot(x, y)), 1e-9)
         down, iterations = self._minimise(frames, start, epsilon)
         beta, azimuth = tilt_of(down)
         influence, slope = _influence(frames, beta, azimuth, epsilon)
+        reason = ["" if i < MAX_ITERATIONS else f"no minimum in {MAX_ITERATIONS} steps" for i in iterations]
         return Solution(
-            reason=[
-                "" if i < self.max_iterations else f"no minimum in {self.max_iterations} steps" for i in iterations
-            ],
-            beta=beta,
-            azimuth=azimuth,
-            influence=influence,
+            reason, beta, azimuth, influence, diagnostics={"iterations": iterations},
             reach=lambda covariance, q: _reach(frames, beta, azimuth, epsilon, slope, covariance, q),
-            diagnostics={"iterations": iterations},
-        )
+        )  # fmt: skip
 
     def _minimise(self, frames: Frames, start: Array, epsilon: Array) -> tuple[Array, NDArray[np.int64]]:
         """Newton steps, halved until the gradient shrinks; by convexity it does for short steps."""
@@ -64,7 +50,8 @@ class GeometricMedian(FrameEstimator):
         while active.any():
             index = np.flatnonzero(active)
             some, at = frames.rows(active), down[index]
-            pull, hessian = _derivatives(some, at, epsilon[index])
+            z, w = _weights(some, at, epsilon[index] ** 2)
+            pull, hessian = _pull(some, at, w), _hessian(some, at, z, w)
             length = np.linalg.norm(pull, axis=-1)
             worse = (length > size[index]) & (scale[index] > 1e-6)
             good, bad = index[~worse], index[worse]
@@ -75,7 +62,7 @@ class GeometricMedian(FrameEstimator):
             moved = base[index] + move
             down[index] = moved / np.linalg.norm(moved, axis=-1, keepdims=True)
             iterations[index] += 1
-            active[index] = (np.linalg.norm(move, axis=-1) > self.tolerance) & (iterations[index] < self.max_iterations)
+            active[index] = (np.linalg.norm(move, axis=-1) > TOLERANCE) & (iterations[index] < MAX_ITERATIONS)
         return down, iterations
 
 
@@ -100,11 +87,6 @@ def _hessian(frames: Frames, down: Array, z: Array, w: Array) -> Array:
     second = plane @ second @ plane + (zw.sum(axis=-1) / frames.count)[:, None, None] * plane
     # Collinear rays leave one direction flat; a millionth of the other keeps the step finite.
     return np.asarray(second + 1e-6 * np.trace(second, axis1=1, axis2=2)[:, None, None] * plane + along)
-
-
-def _derivatives(frames: Frames, down: Array, epsilon: Array) -> tuple[Array, Array]:
-    z, w = _weights(frames, down, epsilon**2)
-    return _pull(frames, down, w), _hessian(frames, down, z, w)
 
 
 def _influence(frames: Frames, beta: Array, azimuth: Array, epsilon: Array) -> tuple[Array, Array]:

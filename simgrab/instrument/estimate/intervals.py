@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
 
+LEVEL = 0.95  # nominal coverage
+MIN_BLOCKS, MAX_BLOCKS = 3, 4  # with fewer there is no interval; long records get longer blocks instead of more
 LEAN_BY_WIND = 3.6e-5
 """rad/(m/s)²: a grab of 10 m² (Cd·A) and, with its cargo for half of the time, 17 t."""
 LEAN_BY_MOUNT = {"levelled": np.deg2rad(0.85), "rigid": np.deg2rad(1.5)}
@@ -28,31 +30,19 @@ class IntervalSettings:
 
     Attributes
     ----------
-    level : float
-        Nominal coverage.
     block_s : float
         Least length of a block, s. The energy of a swing decorrelates in about 70 s with 1 % damping and 240 s with 0.3
         %; blocks must be several times as long.
-    min_blocks, max_blocks : int
-        With fewer blocks than the minimum there is no interval. Long records get longer blocks instead of more than the
-        maximum.
     apart_s : float
         Frames count as independent if they are so far apart, s, in place of blocks. With 0.6 s, intervals of cycles at
         work hold in records of 20 s and of 10 minutes alike (``scripts/estimator_study.py``).
-    pixel_sd_px : float
-        Noise of each pixel coordinate, inseparable from swing in frames alone; it widens the intervals of α. 0 takes
-        the pixels as exact.
     wind_m_s : float
         Mean wind during the record. The grab leans in it, which frames alone cannot tell from a tilt of the camera; it
         widens the intervals of β and α. 0 takes the air as still.
     """
 
-    level: float = 0.95
     block_s: float = 600.0
-    min_blocks: int = 3
-    max_blocks: int = 4
     apart_s: float = 0.0
-    pixel_sd_px: float = 0.0
     wind_m_s: float = 0.0
 
     @property
@@ -87,7 +77,7 @@ def block_of(time: Array, settings: IntervalSettings) -> tuple[NDArray[np.int64]
         return np.zeros(time.size, np.int64), min(time.size, 1)
     start = time.min()
     length = (time.max() - start) * time.size / (time.size - 1)  # the last frame lasts as long as the others
-    wanted = int(np.clip(np.floor(length / settings.block_s + 1e-9), 1, settings.max_blocks))
+    wanted = int(np.clip(np.floor(length / settings.block_s + 1e-9), 1, MAX_BLOCKS))
     label = np.minimum((time - start) * wanted / length, wanted - 1).astype(np.int64)
     used = np.bincount(label) > 0
     return (np.cumsum(used) - 1)[label], int(used.sum())
@@ -95,7 +85,7 @@ def block_of(time: Array, settings: IntervalSettings) -> tuple[NDArray[np.int64]
 
 def too_few(blocks: int, settings: IntervalSettings) -> str:
     """Return why there is no interval by blocks."""
-    return f"too few blocks: {blocks} of at least {settings.block_s:g} s, where {settings.min_blocks} are needed"
+    return f"too few blocks: {blocks} of at least {settings.block_s:g} s, where {MIN_BLOCKS} are needed"
 
 
 def block_covariance(influence: Array, count: Array, block: NDArray[np.int64], blocks: int) -> Array:

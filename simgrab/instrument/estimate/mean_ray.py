@@ -10,7 +10,6 @@ import numpy as np
 from simgrab.instrument.estimate.contract import FrameEstimator, Solution
 from simgrab.instrument.estimate.frames import Frames, tangent_basis, tilt_of
 from simgrab.model.calibration import Calibration
-from simgrab.model.geometry import Array
 
 _LEAST = 1e-16  # of 1 − R̄², which rounds to 0 if all rays are equal
 
@@ -31,32 +30,6 @@ class MeanRay(FrameEstimator):
         length = np.linalg.norm(mean, axis=-1)
         beta, azimuth = tilt_of(mean)
         kappa = length * (3 - length**2) / np.maximum(1 - length**2, _LEAST)
-        return Solution(
-            reason=[""] * len(mean),
-            beta=beta,
-            azimuth=azimuth,
-            influence=mean_influence(frames, beta, azimuth, length),
-            diagnostics={"kappa": kappa},
-        )
-
-
-def mean_influence(frames: Frames, beta: Array, azimuth: Array, length: Array) -> Array:
-    """Influence of each frame on the spherical mean, along and across the tilt.
-
-    A ray r moves the mean direction by its part across that direction, over the mean's length R̄.
-
-    Parameters
-    ----------
-    frames : Frames
-        M records of n frames.
-    beta, azimuth : ndarray, shape (M,)
-        Of the mean, rad.
-    length : ndarray, shape (M,)
-        R̄, from 0 to 1.
-
-    Returns
-    -------
-    ndarray, shape (M, 2, n)
-        rad.
-    """
-    return tangent_basis(beta, azimuth)[:, :2] @ frames.rays / length[:, None, None]
+        # A ray moves the mean direction by its part across that direction, over the mean's length R̄.
+        influence = tangent_basis(beta, azimuth)[:, :2] @ frames.rays / length[:, None, None]
+        return Solution([""] * len(mean), beta, azimuth, influence, diagnostics={"kappa": kappa})

@@ -27,9 +27,8 @@ from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array
 from simgrab.model.records.estimates import Estimate, Intervals
 
-# Diagnostics that are in radians, or in radians squared.
+# Diagnostics that are in radians.
 _ANGLES = ("beta_history", "lean_sd", "pitch_per_m", "pitch_sd_per_m", "roll", "roll_error", "roll_sd")
-_SQUARED_ANGLES = ("sigma2_history",)
 # An offset that looks like less tilt than this is not worth a warning.
 _LEAST_TILT = np.deg2rad(0.1)
 
@@ -239,7 +238,7 @@ def _diagnostics(diagnostics: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in diagnostics.items():
         if name in _ANGLES:
             result[f"{name}_deg"] = _degrees(value)
-        elif name in _SQUARED_ANGLES:
+        elif name == "sigma2_history":
             result[f"{name}_deg2"] = _plain(np.rad2deg(np.rad2deg(value)))
         else:
             result[name] = _plain(value)

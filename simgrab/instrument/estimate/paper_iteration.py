@@ -60,23 +60,15 @@ class PaperIteration(FrameEstimator):
         c = -frames.rays[:, 2]  # h/√(m²+h²)
         p = np.cos(direction)[:, None] * frames.rays[:, 0] + np.sin(direction)[:, None] * frames.rays[:, 1]
         mean_c = frames.mean(c)
-        kurtosis = _kurtosis(frames, c)
+        psi2 = 2 * (1 - c) + (1 - c) ** 2 / 3  # ψ² to sixth order
+        kurtosis = frames.mean(psi2**2) / np.maximum(frames.mean(psi2) ** 2, 1e-300)
         beta0 = self._start(frames, direction)
         beta, sigma2, history, reason = self._iterate(frames, p, c, mean_c, beta0, kurtosis)
         azimuth = (direction + np.pi) % (2 * np.pi)
         count = np.sum(np.isfinite(history[0]), axis=-1) - 1
-        return Solution(
-            reason=reason,
-            beta=beta,
-            azimuth=azimuth,
-            influence=self._influence(frames, direction, beta, sigma2, c),
-            diagnostics={
-                "iterations": count,
-                "beta_history": history[0],
-                "sigma2_history": history[1],
-                "kurtosis": kurtosis,
-            },
-        )
+        influence = self._influence(frames, direction, beta, sigma2, c)
+        diagnostics = {"beta_history": history[0], "sigma2_history": history[1], "kurtosis": kurtosis}
+        return Solution(reason, beta, azimuth, influence, diagnostics={"iterations": count} | diagnostics)
 
     def _axis(self, frames: Frames, calibration: Calibration) -> Array:
         """Direction of C'G' in the mount frame, counter-clockwise about z, shape (M,)."""
@@ -84,8 +76,7 @@ class PaperIteration(FrameEstimator):
             x, y, _ = mount_from_camera(calibration) @ (math.cos(self.axis_direction), math.sin(self.axis_direction), 0)
             return np.full(len(frames.rays), math.atan2(y, x))
         angle = np.arctan2(frames.rays[:, 1], frames.rays[:, 0])
-        present = frames.present
-        return np.array([circular_median(a if present is None else a[present[i]]) for i, a in enumerate(angle)])
+        return np.array([circular_median(a[some]) for a, some in zip(angle, frames.present, strict=True)])
 
     def _start(self, frames: Frames, direction: Array) -> Array:
         if self.start != "mean-ray":
@@ -96,10 +87,11 @@ class PaperIteration(FrameEstimator):
 
     def _iterate(
         self, frames: Frames, p: Array, c: Array, mean_c: Array, beta0: Array, kurtosis: Array
-    ) -> tuple[Array, Array, tuple[Array, Array], list[str]]:
+    ) -> tuple[Array, Array, Array, list[str]]:
         m = len(beta0)
         beta, sigma2 = beta0.copy(), np.full(m, np.nan)
-        betas, sigma2s = [beta0.copy()], [np.full(m, np.nan)]
+        history = np.full((2, m, self.max_iterations + 1), np.nan)
+        history[0, :, 0] = beta0
         reason = ["not run"] * m
         active = np.ones(m, bool)
         for t in range(self.max_iterations):
@@ -110,7 +102,7 @@ class PaperIteration(FrameEstimator):
             now = beta[index]
             cos_alpha = np.sin(now)[:, None] * p[index] + np.cos(now)[:, None] * c[index]
             alpha = np.arccos(np.minimum(cos_alpha, 1.0))  # (est-1); the cosine between unit vectors, but for rounding
-            new_sigma2 = some.mean(alpha**2 if some.present is None else alpha**2 * some.present)  # (est-2)
+            new_sigma2 = some.mean(alpha**2)  # (est-2)
             argument = mean_c[index] * np.exp(new_sigma2 / 2)  # (est-3)
             new = np.arccos(np.where(argument <= 1, argument, np.nan))
             for i in np.flatnonzero(argument > 1):
@@ -119,15 +111,11 @@ class PaperIteration(FrameEstimator):
             for i in index[small]:
                 reason[i] = ""
             beta[index], sigma2[index] = new, new_sigma2
-            betas.append(np.where(active, beta, np.nan))
-            sigma2s.append(np.where(active, sigma2, np.nan))
+            history[:, index, t + 1] = new, new_sigma2
             active[index] = ~small & (argument <= 1)
         for i in np.flatnonzero(active):
             reason[i] = f"not converged in {self.max_iterations} iterations"
-        histories = [np.full((m, self.max_iterations + 1), np.nan) for _ in range(2)]
-        for history, steps in zip(histories, (betas, sigma2s), strict=True):
-            history[:, : len(steps)] = np.stack(steps, axis=-1)
-        return beta, sigma2, (histories[0], histories[1]), reason
+        return beta, sigma2, history, reason
 
     def _influence(self, frames: Frames, direction: Array, beta: Array, sigma2: Array, c: Array) -> Array:
         """Influence (M, 2, n): of the two equations at their fixed point, and of the circular median."""
@@ -144,14 +132,7 @@ class PaperIteration(FrameEstimator):
         result = np.stack([of_beta, np.zeros_like(of_beta)], axis=1)
         if self.axis == "circular-median":
             result[:, 1] = np.sin(beta)[:, None] * _median_influence(frames, direction)
-        return result if frames.present is None else result * frames.present[:, None]
-
-
-def _kurtosis(frames: Frames, c: Array) -> Array:
-    psi2 = 2 * (1 - c) + (1 - c) ** 2 / 3  # ψ² to sixth order
-    if frames.present is not None:
-        psi2 = psi2 * frames.present
-    return np.asarray(frames.mean(psi2**2) / np.maximum(frames.mean(psi2) ** 2, 1e-300))
+        return result * frames.present[:, None]
 
 
 def _why(step: int, argument: float, start: float, kurtosis: float) -> str:
@@ -165,13 +146,12 @@ def _median_influence(frames: Frames, direction: Array) -> NDArray[np.float64]:
     """Influence on the circular median: the sign of the side over twice the density there less the antipode's."""
     angle = np.arctan2(frames.rays[:, 1], frames.rays[:, 0]) - direction[:, None]
     angle -= 2 * np.pi * np.round(angle / (2 * np.pi))
-    present = np.ones_like(angle) if frames.present is None else frames.present.astype(float)
-    spread = np.sqrt(frames.mean(np.abs(angle) * present)[:, None] * np.sqrt(2 * np.pi) / 2)
+    spread = np.sqrt(frames.mean(np.abs(angle))[:, None] * np.sqrt(2 * np.pi) / 2)
     width = np.minimum(spread * frames.count[:, None] ** -0.4, 1.0)
-    near = (np.abs(angle) < width) * present - (np.abs(angle) > np.pi - width) * present
+    near = (np.abs(angle) < width) * 1.0 - (np.abs(angle) > np.pi - width)
     density = frames.mean(near) / (2 * width[:, 0])
     # Without a preferred side the line is not determined at all; a tenth of the uniform density marks that.
-    return np.asarray(np.sign(angle) * present / (2 * np.maximum(density, 0.1 / (2 * np.pi)))[:, None])
+    return np.asarray(np.sign(angle) / (2 * np.maximum(density, 0.1 / (2 * np.pi)))[:, None])
 
 
 def circular_median(angles: ArrayLike) -> float:

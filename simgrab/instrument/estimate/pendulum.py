@@ -113,13 +113,13 @@ class Nodes:
         """Make nodes of some frames of a single record; steps from `NODE_S` to ``cut``, s, are divided."""
         assert record.time is not None
         assert record.rope_length is not None
-        time, rope, (seen, place) = record.time[some], record.rope_length[0, some], record.places()
+        time, rope = record.time[some], record.rope_length[0, some]
         step = np.diff(time)
         parts = np.where(step > cut, 1, np.maximum(np.ceil(step / NODE_S - 1e-9), 1)).astype(np.int64)
         frame = np.concatenate([[0], np.cumsum(parts)])
         at = np.interp(np.arange(frame[-1] + 1), frame, time)
         places, sees, first = np.zeros((len(at), 2)), np.zeros(len(at), bool), np.zeros(len(at), bool)
-        places[frame], sees[frame] = place[some], seen[some]
+        places[frame], sees[frame] = record.places()[some], record.present[0, some]
         first[frame] = np.diff(time, prepend=-np.inf) > cut
         first[0] = True
         return cls(at, np.interp(at, time, rope), places, sees, frame, first)

@@ -210,7 +210,7 @@ class PendulumSmoother(Estimator):
         priors = PendulumPriors(mean, sd, focal_px, jib, steady, gusts)
         turn, offset = camera(start, frames.time, jib)
         assert frames.rope_length is not None
-        swing = looked_along(turn, frames.places()[1], frames.rope_length[0], offset)
+        swing = looked_along(turn, frames.places(), frames.rope_length[0], offset)
         try:
             nodes, found = self._fit(frames, swing, start, priors)
         except np.linalg.LinAlgError:
@@ -267,9 +267,9 @@ class PendulumSmoother(Estimator):
         # σ² = mean α² follows the parameters p by −2 mean sᵀ ∂s/∂p.
         slope = 2 * np.mean(np.einsum("ni,nij->nj", s, gain), axis=0)
         of_sigma = float(slope @ minimum.covariance @ slope) / np.maximum(4 * sigma**2, 1e-300)
-        level, quantile = self.intervals.level, iv.student(self.intervals.level, np.inf)
+        quantile = iv.student(iv.LEVEL, np.inf)
         posterior = Intervals(
-            "posterior", level, iv.radial(beta, of_beta, across_tilt, quantile),
+            "posterior", iv.LEVEL, iv.radial(beta, of_beta, across_tilt, quantile),
             iv.radial(sigma, of_sigma, across_tilt, quantile), iv.radial(alpha, along, across, quantile)[None],
             None, "sigma is that of this record",
         )  # fmt: skip
@@ -302,14 +302,14 @@ class PendulumSmoother(Estimator):
         """σ of a distribution, by blocks; the tilt's uncertainty is the posterior's."""
         assert frames.time is not None
         block, blocks = iv.block_of(frames.time, self.intervals)
-        ends, note, level = None, "of sigma alone; for beta and alpha see the posterior", self.intervals.level
-        if blocks < self.intervals.min_blocks:
+        ends, note = None, "of sigma alone; for beta and alpha see the posterior"
+        if blocks < iv.MIN_BLOCKS:
             note = iv.too_few(blocks, self.intervals)
         else:
             influence = (alpha**2 - sigma**2)[None, None]
             variance = iv.block_covariance(influence, np.array([float(len(block))]), block, blocks)[:, 0, 0]
-            ends = iv.of_scale(sigma, variance, np.zeros(1), iv.student(level, np.array([blocks - 1.0])))
-        return Intervals("blocks", level, None, ends, None, blocks, note)
+            ends = iv.of_scale(sigma, variance, np.zeros(1), iv.student(iv.LEVEL, np.array([blocks - 1.0])))
+        return Intervals("blocks", iv.LEVEL, None, ends, None, blocks, note)
 
 
 def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> Array:

@@ -13,6 +13,9 @@ from simgrab.instrument.estimate.frames import Frames, tilt_of
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, lean
 
+HUBER = 2.0  # multiple of the swings' typical size per axis, beyond which they keep their direction with less weight
+TOLERANCE, MAX_ITERATIONS = 1e-8, 50  # the iteration ends when its next step would be shorter, rad
+NOT_CONVERGED = f"not converged in {MAX_ITERATIONS} iterations"
 BEYOND_GRAB = "the camera is farther from the rope exit than the grab: is offset_m in metres, and the rope's length?"
 
 
@@ -24,15 +27,6 @@ class RopeAware(FrameEstimator):
     for any l. The estimate makes the mean swing, OA over l, zero at every rope length. The offset's horizontal part has
     its nominal value and standard deviation as prior; its height is taken as exact.
 
-    Attributes
-    ----------
-    huber : float
-        Swings beyond this multiple of their typical size per axis (from the median) keep their direction with less
-        weight.
-    tolerance : float
-        The iteration ends when its next step would be shorter, rad.
-    max_iterations : int
-
     Notes
     -----
     Diagnostics: ``iterations``; ``offset_sd_m``, the offset's remaining standard deviation.
@@ -41,10 +35,6 @@ class RopeAware(FrameEstimator):
     name: ClassVar[str] = "rope-aware"
     parameters: ClassVar[int] = 5  # tilt and horizontal offset, two each, and σ
     needs_rope: ClassVar[bool] = True
-
-    huber: float = 2.0
-    tolerance: float = 1e-8
-    max_iterations: int = 50
 
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:
         _, precision = _prior(calibration)
@@ -58,7 +48,10 @@ class RopeAware(FrameEstimator):
         turned[:, 4, 4] = 1
         swing = along_tilt(fit.swing, azimuth)
         return Solution(
-            reason=[self._why(e, bool(np.isfinite(b))) for e, b in zip(fit.error, beta, strict=True)],
+            reason=[
+                BEYOND_GRAB if np.isnan(b) else "" if e <= TOLERANCE else NOT_CONVERGED
+                for e, b in zip(fit.error, beta, strict=True)
+            ],
             beta=beta,
             azimuth=azimuth,
             influence=_influence(frames, fit, swing[:, :2], precision),
@@ -81,10 +74,10 @@ class RopeAware(FrameEstimator):
         unit = None
         live, last = np.ones(len(down), bool), np.zeros(len(down))
         iterations = np.zeros(len(down), np.int64)
-        for i in range(self.max_iterations):
-            swing = swings(frames, lever, down, offset)
+        for i in range(MAX_ITERATIONS):
+            swing = swings(frames.rays, lever, down, offset)
             if i == 0:  # a moving loss would never let the fit come to rest
-                limit = self.huber * _typical(frames, swing)
+                limit = HUBER * _typical(frames, swing)
             sums = _Sums.of(frames, lever, swing, limit, unit)
             unit = sums.unit
             turn, shift = (live[:, None] * move for move in sums.step(offset - nominal, precision))
@@ -93,17 +86,12 @@ class RopeAware(FrameEstimator):
             step = np.maximum(np.abs(turn).max(axis=-1), np.abs(shift).max(axis=-1) * longest)
             # Steps shrink by nearly a constant factor, which predicts the next; a thirtieth is the lowest factor used.
             error = step * np.clip(step / np.maximum(last, 1e-300), 1 / 30, 1)
-            last, live = step, error > self.tolerance
+            last, live = step, error > TOLERANCE
             iterations += live
             if not live.any():  # NaN rows end too
                 break
         swing = _moved(swing, turn, shift, lever)
         return RopeFit(down, offset, error, iterations, lever, swing, limit, sums)
-
-    def _why(self, error: float, finite: bool) -> str:
-        if not finite:
-            return BEYOND_GRAB
-        return "" if error <= self.tolerance else f"not converged in {self.max_iterations} iterations"
 
 
 @dataclass(frozen=True)
@@ -200,8 +188,7 @@ def _squares(swing: Array) -> Array:
 def _weight(frames: Frames, swing: Array, limit: Array) -> tuple[Array, Array]:
     """Huber's weight min(1, limit/|s|) of swings s (M, 2, n), and 1 within the limit; (M, n), 0 at missing frames."""
     size, limit = np.sqrt(_squares(swing)), limit[:, None]
-    present = 1.0 if frames.present is None else frames.present
-    return limit / np.maximum(size, limit) * present, np.asarray((size <= limit) * present, float)
+    return limit / np.maximum(size, limit) * frames.present, np.asarray((size <= limit) * frames.present, float)
 
 
 def _influence(frames: Frames, fit: RopeFit, swing: Array, precision: float) -> Array:
@@ -220,7 +207,7 @@ def _prior(calibration: Calibration) -> tuple[Array, float]:
 def _of_height(frames: Frames, fit: RopeFit, calibration: Calibration) -> Array:
     """Covariance (M, 5, 5), as above, of the offset's height, from a fit with the camera one deviation higher."""
     nominal, precision = _prior(calibration)
-    moved = swings(frames, fit.lever, fit.down, fit.offset + (0.0, 0.0, calibration.offset_sd_m))
+    moved = swings(frames.rays, fit.lever, fit.down, fit.offset + (0.0, 0.0, calibration.offset_sd_m))
     sums = _Sums.of(frames, fit.lever, moved, fit.limit, fit.sums.unit)
     turn, shift = sums.step(fit.offset - nominal, precision)
     grown = frames.mean(_squares(_moved(moved, turn, shift, fit.lever))) - frames.mean(_squares(fit.swing))
@@ -233,14 +220,14 @@ def _moved(swing: Array, turn: Array, shift: Array, lever: Array) -> Array:
     return swing + turn[..., None] + shift[..., None] * lever[:, None]
 
 
-def swings(frames: Frames, lever: Array, down: Array, offset: Array) -> Array:
-    """Find the horizontal part (M, 2, n) of the unit directions OA, jib frame.
+def swings(rays: Array, lever: Array, down: Array, offset: Array) -> Array:
+    """Find the horizontal part (M, 2, n) of the unit directions OA, jib frame, from unit rays (M, 3, n), mount frame.
 
     A is where a ray meets the sphere of radius l about O.
     """
     jib_from_mount = lean(*tilt_of(down))
     x, y, ahead = np.moveaxis(np.concatenate([jib_from_mount[:, :2], offset[:, None] @ jib_from_mount], axis=1)
-                              @ frames.rays, 1, 0)  # fmt: skip
+                              @ rays, 1, 0)  # fmt: skip
     # From the camera to A over l: the root of |offset + λ·ray| = l.
     ahead = ahead * lever
     way = np.sqrt(1 - np.sum(offset**2, axis=-1)[:, None] * lever**2 + ahead**2) - ahead
@@ -268,4 +255,7 @@ def _along(azimuth: Array) -> Array:
 
 def _typical(frames: Frames, swing: Array) -> Array:
     """Size of the swings per axis: their median over √(2 ln 2), the ratio for a Rayleigh distribution."""
-    return np.asarray(np.maximum(frames.median(np.sqrt(_squares(swing))), 1e-12) / np.sqrt(2 * np.log(2)))
+    size = np.sqrt(_squares(swing))
+    some = frames.present
+    middle = np.median(size, -1) if some.all() else np.nanmedian(np.where(some, size, np.nan), -1)
+    return np.asarray(np.maximum(middle, 1e-12) / np.sqrt(2 * np.log(2)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -20,14 +20,6 @@ from simgrab.model.records.estimates import Estimate
 
 LEAST_CHANGE_M = 0.2  # of the rope's length: with less, an estimate on another clock is the same
 R = TypeVar("R", bound=PixelRecord)
-
-
-class Solved(NamedTuple, Generic[R]):
-    """An estimate, the record with the rope lengths of its clock, and what the swing contradicts; mostly empty."""
-
-    record: R
-    estimate: Estimate
-    doubt: str
 
 
 def on_clock(controller: Controller, record: PixelRecord) -> tuple[Controller, ClockOffset]:
@@ -63,7 +55,7 @@ def solve(
     estimator: Estimator,
     controller: Controller | None = None,
     until_s: float | None = None,
-) -> Solved[R]:
+) -> tuple[R, Estimate, str]:
     """Estimate a record, with the rope lengths of the clock that the swing shows.
 
     Parameters
@@ -76,6 +68,14 @@ def solve(
         On the clock of the record.
     until_s : float, optional
         Seconds at the beginning from which the tilt is estimated.
+
+    Returns
+    -------
+    PixelRecord
+        With the rope lengths of its clock.
+    Estimate
+    str
+        What the swing contradicts; mostly empty.
     """
     used = record.with_lengths(controller)
     found = used.estimate(estimator, calibration, until_s)
@@ -90,8 +90,8 @@ def solve(
     why = doubt(estimator, used, calibration, found)
     found = with_weak_prior(found, used, estimator, calibration, until_s)
     if found.ok:
-        return Solved(used, found, why)
-    return Solved(used, replace(found, reason="; ".join(filter(None, [found.reason, why]))), "")
+        return used, found, why
+    return used, replace(found, reason="; ".join(filter(None, [found.reason, why]))), ""
 
 
 def _by_swing(controller: Controller | None, estimator: Estimator, estimate: Estimate) -> Controller | None:

@@ -129,16 +129,15 @@ def read_texts(path: str | Path, names: Collection[str], header: str) -> pa.Tabl
     RecordError
     """
     path = Path(path)
-    table = read_table(path, RecordError) if path.suffix.lower() == ".parquet" else _csv(path, header)
+    if path.suffix.lower() == ".parquet":
+        table = read_table(path, RecordError)
+    else:
+        with opened(path, RecordError, most_bytes=MOST_CSV_BYTES) as file:
+            table = parsed_csv(file.read(), path, header)
     for name in names:
         if table.column_names.count(name) > 1:
             raise RecordError(f"{path}: duplicate column {name}")
     return table
-
-
-def _csv(path: Path, needed: str) -> pa.Table:
-    with opened(path, RecordError, most_bytes=MOST_CSV_BYTES) as file:
-        return parsed_csv(file.read(), path, needed)
 
 
 def decimal_comma(cell: str) -> str:

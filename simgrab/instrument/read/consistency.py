@@ -43,10 +43,6 @@ class Hoist:
     hold_s: float = 0.4
     step_m: float = 0.01
 
-    def __post_init__(self) -> None:
-        if not (self.speed_m_s > 0 and self.hold_s >= 0 and self.step_m >= 0):
-            raise ValueError(f"speed must be above 0, hold and step 0 or more, got {self}")
-
     def reach(self, seconds: Array) -> Array:
         """Greatest difference, m, of readings so many seconds apart."""
         return self.speed_m_s * (seconds + self.hold_s) + self.step_m

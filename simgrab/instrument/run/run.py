@@ -247,11 +247,6 @@ class _Parts:
         more = ", and the jib's motion for warnings" if instrument.foresees else ""
         report(f"tilt: {given}{rope + more if plc else ''}")
 
-    def _late(self, time_s: float) -> list[Fault]:
-        """Report a stream that is measured late, or in time again."""
-        text = self._backlog.step(time.monotonic(), time_s) if self._backlog else ""
-        return [Fault(time_s, "source", text)] if text else []
-
     def check_written(self) -> None:
         """Wait until the part before is written; raise what prevented it."""
         if self.writing is not None:
@@ -292,8 +287,11 @@ class _Parts:
                     measured.append(one.measurement)
                     latency.append(one.seconds)
                     tilt = one.tilt
-                    for fault in (*one.faults, *self._late(one.frame.time_s or 0.0)):
-                        faults.append(fault)
+                    at, found = one.frame.time_s or 0.0, list(one.faults)
+                    if self._backlog and (text := self._backlog.step(time.monotonic(), at)):
+                        found.append(Fault(at, "source", text))
+                    faults += found
+                    for fault in found:
                         self._report(f"{fault.time_s:.1f} s: {fault.kind}: {fault.text}")
                     overlay.add(one.frame, one.measurement)
                 else:
@@ -363,7 +361,7 @@ def _conclude(
     measurements = tuple(measured)
     time_s = None if None in notes.times else np.array(notes.times, float)
     found = () if time_s is None else alarm.events(time_s, measurements)
-    early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNING, alarm.warning)
+    early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNED_AT, alarm.warning)
     estimate = None if record is None else record.estimate
     counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
     reported = _controller(instrument, record)

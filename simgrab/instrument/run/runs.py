@@ -22,8 +22,7 @@ from simgrab.errors import RunError, first_line
 from simgrab.instrument.alarm import Event
 from simgrab.instrument.contract import Measurement, flaw
 from simgrab.instrument.estimate.follow import Known
-from simgrab.io import files, parquet
-from simgrab.io.destination import check_new_folder, writing
+from simgrab.io import parquet
 from simgrab.io.files import drafted_folder
 from simgrab.io.parse import cannot, read_json
 from simgrab.model import calibration as camera_file
@@ -274,7 +273,6 @@ def making(out: Path) -> Iterator[Path]:
     RunError
         If the path is taken, or cannot be written.
     """
-    check_new_folder(out, RunError)
     try:
         with drafted_folder(out) as draft:
             yield draft
@@ -282,17 +280,6 @@ def making(out: Path) -> Iterator[Path]:
         if os.path.lexists(out):
             raise RunError(f"{out} was written by another run in the meantime; choose another --out") from None
         raise RunError(f"cannot write {out}: {problem.strerror or problem}") from None
-
-
-def write(path: Path, text: str) -> None:
-    """Write a text file; it appears complete or not at all.
-
-    Raises
-    ------
-    RunError
-    """
-    with writing(path, RunError):
-        files.write(path, text)
 
 
 Progress = Callable[[int, int | None], None]

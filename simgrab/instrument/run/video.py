@@ -14,8 +14,9 @@ import numpy as np
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
-from simgrab.instrument.alarm import ALARM, DANGER, SCALE
+from simgrab.instrument.alarm import DANGER, QUIET_S, RELEASED_AT, SCALE
 from simgrab.instrument.contract import Frame, Measurement
+from simgrab.instrument.video import UNTIMED_HZ
 from simgrab.io.pictures import encode
 from simgrab.io.playback import FRAGMENTED
 
@@ -30,7 +31,6 @@ _QUALITY = 80
 _CALM: Colour = (70, 200, 90)
 _DANGEROUS: Colour = (255, 60, 50)
 _NOTHING: Colour = (160, 160, 160)
-_UNTIMED_HZ = 9
 
 
 class OverlayVideo:
@@ -49,7 +49,9 @@ class OverlayVideo:
         self._last: Picture | None = None
         self._index = self._pts = -1
         self._start = 0.0
-        self._album = _Album()
+        self._largest: _Still = (-1.0, 0, b"")
+        self._peaks: list[_Still] = []  # of each stretch that may be an alarm
+        self._until = -math.inf  # the end of the present stretch, unless it goes on
 
     def __enter__(self) -> OverlayVideo:
         return self
@@ -65,7 +67,7 @@ class OverlayVideo:
     @property
     def stills(self) -> dict[int, bytes]:
         """JPEGs by frame."""
-        return self._album.stills
+        return {frame: jpeg for _, frame, jpeg in (*self._peaks, self._largest) if jpeg}
 
     def add(self, frame: Frame, measured: Measurement) -> None:
         """Add a frame. For a lost frame the last picture is shown greyed, with the reason."""
@@ -78,9 +80,9 @@ class OverlayVideo:
         scale = 1.0 if frame.picture is None else small.shape[1] / frame.picture.shape[1]
         drawn = annotate(small, measured, scale)
         if measured.alpha is not None:
-            self._album.offer(self._index, frame.time_s, measured.alpha, drawn)
+            self._keep(frame.time_s, measured.alpha, drawn)
         if self._file is not None:
-            self._send(drawn, self._index / _UNTIMED_HZ if frame.time_s is None else frame.time_s)
+            self._send(drawn, self._index / UNTIMED_HZ if frame.time_s is None else frame.time_s)
 
     def _send(self, picture: Picture, time_s: float) -> None:
         assert self._file is not None
@@ -90,39 +92,25 @@ class OverlayVideo:
             self._stream.height, self._stream.width = picture.shape[:2]
             self._stream.pix_fmt = "yuv420p"
             self._stream.time_base = self._stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)
-        if picture.shape[:2] != (self._stream.height, self._stream.width):
-            return
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
         self._pts = max(round((time_s - self._start) * _TICKS_PER_S), self._pts + 1)
         frame.pts, frame.time_base = self._pts, Fraction(1, _TICKS_PER_S)
         self._file.mux(self._stream.encode(frame))
 
-
-class _Album:
-    """Keeps the picture of the largest swing, and of the largest swing in each stretch that may be an alarm."""
-
-    def __init__(self) -> None:
-        self._largest: _Still = (-1.0, 0, b"")
-        self._peaks: list[_Still] = []
-        self._until = -math.inf  # the end of the present stretch, unless it goes on
-
-    @property
-    def stills(self) -> dict[int, bytes]:
-        return {frame: jpeg for _, frame, jpeg in (*self._peaks, self._largest) if jpeg}
-
-    def offer(self, index: int, time_s: float | None, alpha: float, drawn: Picture) -> None:
-        largest, anew, peak = alpha > self._largest[0], False, False
-        if time_s is not None and alpha >= ALARM.released_at:
-            anew = time_s > self._until
-            peak = anew or alpha > self._peaks[-1][0]
-            self._until = time_s + ALARM.quiet_s
+    def _keep(self, time_s: float | None, alpha: float, drawn: Picture) -> None:
+        """Keep the picture if it is that of the largest swing so far, of all or of the present stretch."""
+        largest, begins, peak = alpha > self._largest[0], False, False
+        if time_s is not None and alpha >= RELEASED_AT:
+            begins = time_s > self._until
+            peak = begins or alpha > self._peaks[-1][0]
+            self._until = time_s + QUIET_S
         if not (largest or peak):
             return
-        still = alpha, index, encode(drawn[..., ::-1], "jpeg", _QUALITY)
+        still = alpha, self._index, encode(drawn[..., ::-1], "jpeg", _QUALITY)
         if largest:
             self._largest = still
         if peak:
-            self._peaks[len(self._peaks) if anew else -1 :] = [still]
+            self._peaks[len(self._peaks) if begins else -1 :] = [still]
 
 
 def annotate(picture: Picture, measured: Measurement, scale: float = 1.0) -> Picture:

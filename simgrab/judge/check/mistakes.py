@@ -328,7 +328,8 @@ def _of_offset(fits: _Fits, offset: Array, per_m: Array, *, rope_known: bool) ->
     found = [(applied, CLEARLY), (swapped, CLEARLY), (fits.factor(offset * per_m, share, of_camera=True), AS_GOOD)]
     if np.ptp(offset, axis=0).max() < SAME_M:
         least = fits.explain(lambda x: x * per_m, np.full(2, 1e-3), np.zeros(2), other, of_camera=True)
-        found.append((least._replace(any_offset=True), AS_GOOD))
+        tilt = ", and the tilt that is estimated with it" * bool(least.text and least.fitted > 2 and not least.of_tilt)
+        found.append((least._replace(text=least.text + tilt, any_offset=True), AS_GOOD))
     best = min(one.rms for one, _ in found)
     fitting = [one for one, most in found if one.text and one.rms <= most * best]
     chosen = min(fitting, key=lambda one: one.fitted, default=found[-1][0])  # a tilt beside an offset explains much

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.alarm import ALARM, DANGER, Event, danger, events
+from simgrab.instrument.alarm import DANGER, RAISED_AT, Event, danger, events
 from simgrab.instrument.contract import Measurement
 from simgrab.judge.evaluate.detection import ROPE_BINS_M
 from simgrab.model.geometry import Array
@@ -102,7 +102,7 @@ def alarms(times: Array, measurements: Sequence[Measurement], raised: Sequence[E
         elif reports:
             delays.append(reports[0].first - event.first)
     false = [f for f in raised if not swings_in(times, true, f)]
-    said = np.array([danger(m) >= ALARM.raised_at for m in measurements], bool)
+    said = np.array([danger(m) >= RAISED_AT for m in measurements], bool)
     given = np.array([m.alpha is not None for m in measurements], bool) & np.isfinite(true)
     said, real_danger = said[given], true[given] > DANGER
     both = int((said & real_danger).sum())

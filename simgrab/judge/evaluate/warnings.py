@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.alarm import DANGER, WARNING, Rule, events, warning
+from simgrab.instrument.alarm import DANGER, WARNED_AT, events, warning
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.forecast import HORIZON_S
 from simgrab.judge.evaluate.swings import SURELY, errors, meet, swings_in, true_events
@@ -19,12 +19,12 @@ UNSURE = 0.05, 0.95  # forecasts between these count for reliability; most frame
 _AROUND = 3  # frames on each side that a measured turning point exceeds
 
 
-def score(times: Array, measurements: Sequence[Measurement], true: Array, rule: Rule = WARNING) -> dict[str, Any]:
+def score(times: Array, measurements: Sequence[Measurement], true: Array, at: float = WARNED_AT) -> dict[str, Any]:
     """Compare forecasts at times (n,), s, with the true swings (n,), rad, NaN where they are not known.
 
-    ``rule`` is that of the warnings. Returns the fields of `simgrab.judge.evaluate.values.Warnings`.
+    A warning starts at the probability ``at``. Returns the fields of `simgrab.judge.evaluate.values.Warnings`.
     """
-    raised = [msgspec.structs.replace(w, end_s=w.end_s + HORIZON_S) for w in events(times, measurements, rule, warning)]
+    raised = [msgspec.structs.replace(w, end_s=w.end_s + HORIZON_S) for w in events(times, measurements, at, warning)]
     sure = [e for e in true_events(times, true) if e.alpha > SURELY]
     met = [next((w for w in raised if meet(e, w)), None) for e in sure]
     leads = [min(e.onset_s - w.onset_s, HORIZON_S) for e, w in zip(sure, met, strict=True) if w is not None]

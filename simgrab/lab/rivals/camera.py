@@ -14,7 +14,6 @@ from simgrab.instrument.estimate import Estimator, PendulumSmoother, ZeroTilt
 from simgrab.instrument.estimate.frames import groups
 from simgrab.instrument.estimate.solve import stated_ends
 from simgrab.instrument.observation import Observation
-from simgrab.instrument.rope import Rope
 from simgrab.lab.rivals.contract import Series
 from simgrab.lab.rivals.tracking import Tracker, flow, template
 from simgrab.model.calibration import Calibration
@@ -45,7 +44,7 @@ def conclude(
     time = [one.time_s for one in observations if one.time_s is not None]
     if rope is not None and len(time) == len(observations):
         length = rope.at(np.array(time))[:, 0]
-    record = angles.arrays(observations, Rope(length, np.zeros(len(length), bool)))
+    record = angles.arrays(observations, length)
     alpha, ends = np.full(len(length), np.nan), np.full((len(length), 2), np.nan)
     if estimator.needs_rope and np.isnan(length).any():
         return angles.measurements(record, alpha, ends, f"{estimator.name} needs rope lengths, and frames with times")

@@ -47,7 +47,7 @@ def _tracker(begin: Callable[[Grey, Array, Array], Follow]) -> Tracker:
         follow: Follow | None = None
         for frame in frames:
             if frame.picture is None:
-                yield Observation(frame.time_s, frame.name, lost=frame.reason or "no picture")
+                yield Observation(frame.time_s, lost=frame.reason or "no picture")
                 continue
             grey = np.asarray(cv2.cvtColor(frame.picture, cv2.COLOR_RGB2GRAY), np.uint8)
             found: Array | str = NOT_YET
@@ -56,9 +56,9 @@ def _tracker(begin: Callable[[Grey, Array, Array], Follow]) -> Tracker:
             elif (begun := _first(find, frame.picture)) is not None:
                 follow, found = begin(grey, *begun), begun[1]
             if isinstance(found, str):
-                yield Observation(frame.time_s, frame.name, missed=found)
+                yield Observation(frame.time_s, missed=found)
             else:
-                yield Observation(frame.time_s, frame.name, centre=(float(found[0]), float(found[1])))
+                yield Observation(frame.time_s, centre=(float(found[0]), float(found[1])))
 
     return track
 

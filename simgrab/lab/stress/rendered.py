@@ -154,7 +154,7 @@ def watch(scenario: Scenario, seed: int, trial: int) -> Watched:
         observations = tuple(observe(frames(), pipeline.detector, pipeline.reader, calibration))
     except SimgrabError as problem:
         raise StressError(f"replication {trial}: {problem}") from None
-    found = angles.arrays(observations, rope(observations, calibration))
+    found = angles.arrays(observations, *rope(observations, calibration))
     rows = np.array(truth).T
     return Watched(own, calibration, found, rows[:6], rows[6:8].T, rows[8] > 0)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgrab.instrument.estimate.frames import Frames, gravity, mount_from_camera
+from simgrab.instrument.estimate.frames import gravity, mount_from_camera
 from simgrab.instrument.estimate.rope_aware import swings
 from simgrab.lab.stress.records import PROBE_ALPHA, Records
 from simgrab.model.geometry import Array
@@ -104,10 +104,9 @@ def probe_alpha(estimates: Estimates, records: Records) -> Array:
     down = gravity(estimates.beta, estimates.tilt_azimuth)
     if estimates.offset is None:
         return _between(rays, down[:, None])
-    m, k, _ = rays.shape
-    frames = Frames(np.ascontiguousarray(rays.swapaxes(1, 2)), None, np.full(m, float(k)), None, None)
+    rays = np.ascontiguousarray(rays.swapaxes(1, 2))
     with np.errstate(invalid="ignore"):
-        x, y = swings(frames, 1 / records.probe_rope, down, estimates.offset).swapaxes(0, 1)
+        x, y = swings(rays, 1 / records.probe_rope, down, estimates.offset).swapaxes(0, 1)
         return np.asarray(np.arcsin(np.minimum(np.hypot(x, y), 1.0)))
 
 

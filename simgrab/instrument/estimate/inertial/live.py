@@ -7,14 +7,14 @@ time after that on, so that a run repeats; until then the gyroscope turns the ca
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from simgrab.instrument.estimate import intervals as iv
 from simgrab.instrument.estimate.chain import state_covariances
+from simgrab.instrument.estimate.contract import Estimator
 from simgrab.instrument.estimate.frames import groups
-from simgrab.instrument.estimate.inertial.readings import ImuReadings
 from simgrab.instrument.estimate.inertial.sensed import Sensed, sensed, unfit
 from simgrab.instrument.estimate.pendulum import CLOCK, SCALE, STATE, TILT, camera, looked_along, of_tilt
 from simgrab.instrument.estimate.pendulum_smoother import PendulumSmoother
@@ -48,7 +48,6 @@ class _Tilt:
     last: float
 
 
-@dataclass(eq=False)
 class InertialTracker:
     """Swing of each frame from the frames before it.
 
@@ -66,25 +65,14 @@ class InertialTracker:
         Horizontal part of the unit direction OA in the last frame, level frame; NaN without a swing.
     """
 
-    smoother: PendulumSmoother
-    calibration: Calibration
-    waiting: str = field(init=False, default="")
-    direction: Array = field(init=False, default_factory=lambda: np.full(2, np.nan))
-    _kept: list[Kept] = field(init=False, default_factory=list)
-    _now: tuple[Sensed, _Tilt] | None = field(init=False, default=None)
-    _next: Future[tuple[Sensed, _Tilt] | str] | None = field(init=False, default=None)
-    _due: float = field(init=False, default=np.nan)
-    _last: float = field(init=False, default=np.nan)
-    _places: list[tuple[float, Array]] = field(init=False, default_factory=list)
-    _agree: list[tuple[float, bool]] = field(init=False, default_factory=list)
-    _jobs: int = field(init=False, default=0)
-    _refused: str = field(init=False, default="")
-    _thread: ThreadPoolExecutor = field(init=False, default_factory=lambda: ThreadPoolExecutor(1))
-
-    @property
-    def _imu(self) -> ImuReadings:
-        assert self.smoother.imu is not None
-        return self.smoother.imu
+    def __init__(self, smoother: Estimator, calibration: Calibration) -> None:
+        assert isinstance(smoother, PendulumSmoother)
+        assert smoother.imu is not None
+        self.smoother, self.calibration, self._imu = smoother, calibration, smoother.imu
+        self.waiting, self.direction, self._last = "", np.full(2, np.nan), np.nan
+        self._thread = ThreadPoolExecutor(1)
+        self._due: float
+        self._restart("")
 
     def step(self, time: float, pixel: tuple[float, float] | None, rope: float) -> tuple[float, tuple[float, float]]:
         """Process a frame.
@@ -105,16 +93,16 @@ class InertialTracker:
         ends : tuple of 2 floats
             Ends of its 95 % interval.
         """
-        imu = self._imu
         before, self._last = time if np.isnan(self._last) else self._last, time
         if time - before > PAUSE_S:
             self._restart(f"no frame for {time - before:.1f} s; at most {PAUSE_S:g} s")
-        elif reason := unfit(np.array([before, time]), imu):
+        elif reason := unfit(np.array([before, time]), self._imu):
             self._restart(reason)
         elif self._lost(time):
             self._restart(f"for {LOST_S:.0f} s hardly a pixel agreed with the sensor")
-        usable = pixel is not None and np.isfinite(rope)
-        if pixel is not None and usable:
+        if not np.isfinite(rope):
+            pixel = None
+        if pixel is not None:
             self._kept.append((time, pixel, rope))
         if self._kept and np.isnan(self._due):
             self._due = self._kept[0][0] + WARM_UP_S
@@ -126,11 +114,15 @@ class InertialTracker:
             self.waiting = f"no tilt yet: {past:.0f} s of {WARM_UP_S:.0f}" + f" ({self._refused})" * bool(self._refused)
             return NOTHING
         self.waiting = ""
-        return self._swing(time, pixel, rope) if pixel is not None and usable else NOTHING
+        return NOTHING if pixel is None else self._swing(time, pixel, rope)
 
     def _restart(self, reason: str) -> None:
-        self._refused, self._now, self._next, self._kept, self._due, self._jobs = reason, None, None, [], np.nan, 0
-        self._places, self._agree = [], []
+        self._refused, self._jobs, self._due = reason, 0, np.nan
+        self._now: tuple[Sensed, _Tilt] | None = None
+        self._next: Future[tuple[Sensed, _Tilt] | str] | None = None
+        self._kept: list[Kept] = []
+        self._places: list[tuple[float, Array]] = []
+        self._agree: list[tuple[float, bool]] = []
 
     def _exchange(self, time: float) -> None:
         """Take over what the thread found, and give it the record so far."""
@@ -187,7 +179,7 @@ class InertialTracker:
             self._now = motion, tilt
         (frames,) = groups(np.array([[pixel]]), None, None, self.calibration)
         turn, offset = camera(tilt.parameters, np.array([time]), motion.motion, tilt.drift)
-        (self.direction,) = looked_along(turn, frames.places()[1], np.array([rope]), offset)
+        (self.direction,) = looked_along(turn, frames.places(), np.array([rope]), offset)
         sine = float(np.hypot(*self.direction))
         self._compare(time, rope * self.direction, rope * tilt.noise)
         by = np.hstack([of_tilt(motion.motion.at(np.array([time]))[0, 4:])[:, np.r_[TILT, SCALE]], np.eye(2)])
@@ -196,7 +188,7 @@ class InertialTracker:
         along, across = iv.split(by @ tilt.covariance @ by.T + own, self.direction)
         along = along + (sine * self.calibration.offset_sd_m / rope) ** 2
         alpha = float(np.arcsin(min(sine, 1.0)))
-        quantile = iv.student(self.smoother.intervals.level, np.inf)
+        quantile = iv.student(iv.LEVEL, np.inf)
         low, high = iv.radial(np.array(alpha), along, across, quantile)
         return alpha, (float(low), float(high))
 

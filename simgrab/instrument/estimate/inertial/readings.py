@@ -116,10 +116,16 @@ def read_imu(folder: str | Path) -> ImuReadings:
     RecordError
         With one line that names the file and the row (the first is 1), column or key.
     """
-    about, where = _about(Path(folder) / "sensor.yaml"), Path(folder) / "data.csv"
-    stamp, *values = read_columns(where, STAMP, *RATE, *FORCE)
+    about, where = Path(folder) / "sensor.yaml", Path(folder) / "data.csv"
+    data, pose = read_description(about, "imu")
     try:
-        return ImuReadings(stamp / 1e9, np.stack(values[:3], axis=-1), np.stack(values[3:], axis=-1), **about)
+        densities = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}
+    except (TypeError, ValueError, OverflowError):
+        raise RecordError(f"{about}: the noise densities must be numbers") from None
+    stamp, *values = read_columns(where, STAMP, *RATE, *FORCE)
+    rate, force = np.stack(values[:3], axis=-1), np.stack(values[3:], axis=-1)
+    try:
+        return ImuReadings(stamp / 1e9, rate, force, pose[:3, :3], **densities)
     except RecordError as problem:
         raise RecordError(f"{where}: {problem}") from None
 
@@ -187,13 +193,3 @@ def read_description(path: Path, kind: str) -> tuple[dict[str, Any], Array]:
     if not np.isfinite(pose).all():
         raise RecordError(f"{path}: T_BS must hold finite numbers")
     return data, pose
-
-
-def _about(path: Path) -> dict[str, Any]:
-    """Read the keys of a ``sensor.yaml`` that the estimator needs."""
-    data, pose = read_description(path, "imu")
-    try:
-        found = {name: float(data.get(name, default)) for name, default in _DENSITIES.items()}
-    except (TypeError, ValueError, OverflowError):
-        raise RecordError(f"{path}: the noise densities must be numbers") from None
-    return {"camera_from_sensor": pose[:3, :3], **found}
