@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from browser import needs_chromium, shown
+from films import film
 from scipy.special import ndtr
 
 from simgrab.errors import CalibrationError, SourceError
@@ -292,17 +293,10 @@ def test_footage_without_a_display_has_none():
     assert display(footage(taken(scene(rng), rng, 8))).layout is None
 
 
-def video(path: Path, frames: np.ndarray, state: Callable[[av.VideoStream], None] = lambda _: None) -> Path:
+def video(path: Path, frames: np.ndarray, state: Callable[[av.VideoStream], None] | None = None) -> Path:
     """Code frames without loss of luma."""
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=10, options={"qp": "0", "preset": "ultrafast"})
-        stream.height, stream.width = frames.shape[1:3]
-        stream.pix_fmt = "yuv420p"
-        state(stream)
-        for frame in frames:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
-        container.mux(stream.encode())
-    return path
+    times, lossless = np.arange(len(frames)) / 10, {"qp": "0", "preset": "ultrafast"}
+    return film(path, times, frames.shape[2:0:-1], draw=lambda i, _: frames[i], coding=lossless, state=state)
 
 
 def test_footage_is_what_players_show(tmp_path):

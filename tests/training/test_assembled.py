@@ -10,7 +10,7 @@ import trimesh
 from simgrab import frames
 from simgrab.errors import ScenarioError
 from simgrab.model import scenes
-from simgrab.model.scenario import Assembled, Clutter, RandomPlace
+from simgrab.model.scenario import Assembled, RandomPlace
 from simgrab.model.scenario.grab import Grab
 from simgrab.model.scenario.vary import variants
 from simgrab.training.assembled import assembled
@@ -18,7 +18,6 @@ from simgrab.world.scenery import places
 from simgrab.world.scenery.grabs import design_of
 from simgrab.world.scenery.grabs.design import CARGO_LEVELS, Body, Design
 from simgrab.world.scenery.grabs.drawn import any_of
-from simgrab.world.scenery.parked import parked_grabs
 
 COUNT = 41
 GRABS = [Assembled(shape=i / (COUNT - 1)) for i in range(COUNT)]  # both ends of the range among them
@@ -151,14 +150,6 @@ def test_a_random_place_is_level_ground_with_low_solids_near_the_grab() -> None:
                 near += 1
     assert len(counts) > 3
     assert near > 5
-
-
-def test_assembled_grabs_stand_on_a_random_place() -> None:
-    ground = places.build(RandomPlace(), head_height=28.0, rng=np.random.default_rng(1))
-    clutter = Clutter(other_grabs=2, kinds=("assembled",))
-    parts = parked_grabs(clutter, ground, head_height=28.0, rng=np.random.default_rng(2))
-    assert {part.name.split("/")[0] for part in parts} == {"parked_0", "parked_1"}
-    assert min(part.mesh.bounds[0, 2] for part in parts) > -28.0 - 1e-6
 
 
 def test_the_scene_draws_another_grab_for_each_frame_and_labels_it() -> None:

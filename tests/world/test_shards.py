@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from test_dataset import stopping
 
 import simgrab
 from simgrab.dataset import datasets, shard_reader, shards
@@ -91,13 +92,8 @@ def test_a_frame_that_is_not_there_is_refused(whole, number):
 
 def test_an_interrupted_run_goes_on_with_the_same_bytes(scene, whole, tmp_path):
     out = tmp_path / "again"
-
-    def stop(done, _total):
-        if done == 6:
-            raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
-        render(scene, out.as_uri(), shard_frames=4, progress=stop)
+        render(scene, out.as_uri(), shard_frames=4, progress=stopping(6))
     known = folder_contents(whole)
     assert all(known[name] == data for name, data in folder_contents(out).items() if name != "unfinished.json")
     with pytest.raises(DatasetError, match="unfinished; continue with simgrab render --resume"):
