@@ -295,7 +295,7 @@ def test_footage_without_a_display_has_none():
 
 def video(path: Path, frames: np.ndarray, state: Callable[[av.VideoStream], None] | None = None) -> Path:
     """Code frames without loss of luma."""
-    times, lossless = np.arange(len(frames)) / 10, {"qp": "0", "preset": "ultrafast"}
+    times, lossless = np.arange(len(frames)) / 10, {"qp": "0", "preset": "ultrafast", "g": "250"}
     return film(path, times, frames.shape[2:0:-1], draw=lambda i, _: frames[i], coding=lossless, state=state)
 
 

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 import trimesh
-from click.testing import CliRunner
+from commands import run
 from gltf_files import Gltf, base_colour
 from msgspec.structs import replace
 from PIL import Image
@@ -23,7 +23,6 @@ from scipy.spatial.transform import Rotation
 from trimesh.transformations import translation_matrix
 
 import simgrab
-from simgrab.cli import cli
 from simgrab.dataset.export import export
 from simgrab.dataset.notices import notices
 from simgrab.dataset.render import render
@@ -511,10 +510,10 @@ def test_what_cannot_be_together_is_refused(files, keys, said):
 
 
 def test_the_check_shows_what_was_understood_and_what_may_be_wrong(files, tmp_path):
-    run = CliRunner().invoke(cli, ["grab", "check", str(files["glb"]), "--out", str(tmp_path / "out")])
-    assert run.exit_code == 0, run.output
-    assert "HookLeft" in run.output
-    assert "no keypoints" in run.output
+    status, *printed = run("grab", "check", files["glb"], "--out", tmp_path / "out")
+    assert status == 0
+    assert "HookLeft" in "".join(printed)
+    assert "no keypoints" in "".join(printed)
     page = (tmp_path / "out" / own_grab.PAGE).read_text(encoding="utf-8")
     assert "data:image/jpeg" in page
     picture = np.asarray(Image.open(tmp_path / "out" / own_grab.PICTURE))
@@ -652,10 +651,10 @@ def test_render_states_size_and_which_axis_seems_to_point_up(tmp_path):
     body.vertices[8:, 2] += 1.1
     body.export(tmp_path / "a.glb")
     command = ["render", "--frames=1", "--size=160x90", "--set=place.model=plain", f"--out={tmp_path / 'out'}"]
-    done = CliRunner().invoke(cli, [*command, "--set", f"grab={{model='mesh', file='{tmp_path / 'a.glb'}'}}"])
-    assert done.exit_code == 0, done.output
-    assert "grab.file: z seems to point up" in done.stderr
-    assert "grab.file: taken as 2.40 × 2.20 × 2.00 m (x, y, z up), with grab.scale = 1\n" in done.stderr
+    status, _, noted = run(*command, "--set", f"grab={{model='mesh', file='{tmp_path / 'a.glb'}'}}")
+    assert status == 0
+    assert "grab.file: z seems to point up" in noted
+    assert "grab.file: taken as 2.40 × 2.20 × 2.00 m (x, y, z up), with grab.scale = 1\n" in noted
 
 
 def test_a_grab_from_a_file_holds_no_load(files):

@@ -311,12 +311,14 @@ def test_a_store_can_be_used_after_a_fork(whole, server):
     assert server.writes
 
 
-def test_any_name_of_a_folder_is_a_url(scene, whole, tmp_path):
-    for name in ("with space", "a%20b#c?d", "ü雪", "a::b", os.fsdecode(b"\xff")):
+def test_any_name_of_a_folder_is_a_url(scene, tmp_path):
+    two, known = msgspec.structs.replace(scene, frames=2), None
+    for name in ("plain", "with space", "a%20b#c?d", "ü雪", "a::b", os.fsdecode(b"\xff")):
         out = tmp_path / name
-        render(scene, out.as_uri(), shard_frames=4)
-        assert folder_contents(out) == folder_contents(whole)
-        assert len(simgrab.open(out)) == 11
+        render(two, out.as_uri(), shard_frames=1)
+        known = known or folder_contents(out)
+        assert folder_contents(out) == known
+        assert len(simgrab.open(out)) == 2
         export(out, out.with_name(f"{name} yolo"), format="yolo")
         assert (out.with_name(f"{name} yolo") / "manifest.json").exists()
         assert len(list(tmp_path.iterdir())) == 2
