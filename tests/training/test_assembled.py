@@ -1,7 +1,5 @@
 """Laws of grabs put together at random; `test_families` has those that hold for all kinds."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import msgspec

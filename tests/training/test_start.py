@@ -1,7 +1,5 @@
 """Nets that begin with an exported net's weights."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil

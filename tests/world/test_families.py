@@ -1,7 +1,5 @@
 """Laws of the parametric grabs: closed steel, volume, linkage, clearance, mass, ropes, cargo."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from functools import cache

@@ -1,7 +1,5 @@
 """A user's own grab from a file: what is read, how it moves, what is refused."""
 
-from __future__ import annotations
-
 import io
 import json
 import pickle

@@ -1,7 +1,5 @@
 """A place that is a photograph: the same labels, the photograph's own pixels, and refusals of what is none."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Sequence
