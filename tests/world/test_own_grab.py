@@ -477,11 +477,6 @@ def test_hostile_files_are_refused_in_one_line_within_memory(name, tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1_000_000  # KiB
 
 
-def test_a_grab_in_another_unit_is_refused_with_the_likely_one(files):
-    with pytest.raises(ScenarioError, match=r"grab\.scale: .*2\.4e\+03 × 600.*it would fit in metres \(scale = 1\)"):
-        design_of(Mesh.of(files["stl"], scale=1000.0))
-
-
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
@@ -500,6 +495,7 @@ def test_a_grab_in_another_unit_is_refused_with_the_likely_one(files):
         ),
         ({"jaws": ({"node": "HookLeft", "open_deg": 5},) * 2}, "the same node"),
         ({"lips_m": ((0, 0, 0),) * 5}, "length"),
+        ({"scale": 1000.0}, r"grab\.scale: .*2\.4e\+03 × 600.*it would fit in metres \(scale = 1\)"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_together_is_refused(files, keys, said):
