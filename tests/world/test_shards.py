@@ -5,7 +5,6 @@ import dataclasses
 import os
 import shutil
 import warnings
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -187,10 +186,8 @@ def test_an_impossible_scene_is_refused_before_anything_is_written(tmp_path):
 
 
 def damaged(whole, out, name, change):
-    out.mkdir()
-    for key, data in folder_contents(whole).items():
-        (out / key).parent.mkdir(exist_ok=True)
-        (out / key).write_bytes(change(data) if key == name else data)
+    shutil.copytree(whole, out)
+    (out / name).write_bytes(change((out / name).read_bytes()))
     return out
 
 
@@ -326,30 +323,29 @@ def test_any_name_of_a_folder_is_a_url(scene, tmp_path):
             shutil.rmtree(path)
 
 
-def test_what_is_lost_after_the_end_is_made_again(scene, whole, tmp_path):
-    for lost in ("labels/000001.parquet", next((whole / "shards").glob("*-000000.tar")).relative_to(whole)):
-        out = damaged(whole, tmp_path / Path(lost).name, "", bytes)
-        (out / lost).unlink()
-        assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 4
-        assert folder_contents(out) == folder_contents(whole)
-
-
-def test_a_claim_that_is_left_beside_the_manifest_is_removed(scene, whole, tmp_path):
-    out = damaged(whole, tmp_path / "set", "", bytes)
-    shutil.copy(out / "manifest.json", out / "unfinished.json")
-    assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 0
-    assert folder_contents(out) == folder_contents(whole)
-
-
-def test_damaged_labels_are_made_again(scene, whole, tmp_path):
-    out = damaged(whole, tmp_path / "set", "labels/000002.parquet", lambda data: data[:100])
+def labels_cut_off(out):
+    os.truncate(out / "labels/000002.parquet", 100)
     (out / "manifest.json").rename(out / "unfinished.json")
-    assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == 3
+
+
+@pytest.mark.parametrize(
+    ("damage", "made"),
+    [
+        (lambda out: (out / "labels/000001.parquet").unlink(), 4),
+        (lambda out: next((out / "shards").glob("*-000000.tar")).unlink(), 4),
+        (lambda out: shutil.copy(out / "manifest.json", out / "unfinished.json"), 0),  # a claim
+        (labels_cut_off, 3),
+    ],
+)
+def test_what_is_lost_damaged_or_left_after_the_end_is_put_right(scene, whole, tmp_path, damage, made):
+    out = shutil.copytree(whole, tmp_path / "set")
+    damage(out)
+    assert render(scene, out.as_uri(), shard_frames=4, resume=True).made == made
     assert folder_contents(out) == folder_contents(whole)
 
 
 def test_shards_of_two_renderers_are_never_finished(scene, whole, tmp_path, monkeypatch):
-    out = damaged(whole, tmp_path / "set", "", bytes)
+    out = shutil.copytree(whole, tmp_path / "set")
     (out / "labels/000001.parquet").unlink()
     write = shards.write
 
