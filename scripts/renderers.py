@@ -53,7 +53,7 @@ def compared(
         generator = stack.enter_context(FrameGenerator(scenario))
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         acts: dict[str, Callable[[int], Timed]] = {FINISHED: partial(_finished, generator, folder)}
-        acts[BARE], acts[BOXES] = Bare(generator).render, _boxes(scenario)
+        acts[BARE], acts[BOXES] = _bare(generator), _boxes(scenario)
         if pyrender:
             spawn = multiprocessing.get_context("spawn")
             pool = stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn))
@@ -90,45 +90,36 @@ def _finished(generator: FrameGenerator, folder: Path, frame: int) -> Timed:
     return _timed(finish)
 
 
-class Bare:
-    """``mujoco.Renderer`` as its documentation uses it, with the geoms and the camera of the frame made last."""
+def _bare(generator: FrameGenerator) -> Callable[[int], Timed]:
+    """Colours and then segmentation by ``mujoco.Renderer`` as documented; geoms and camera of the frame made last."""
+    import mujoco
 
-    def __init__(self, generator: FrameGenerator) -> None:
-        self._generator = generator
-        self._of: Any = None
-        self._model: Any = None
-        self._renderer: Any = None
+    from simgrab.world.scenery.model import HIDDEN, build
 
-    def render(self, frame: int) -> Timed:
-        """Render colours, and segmentation after them."""
-        return _timed(partial(self._both, frame))
+    of: Any = None
+    model: Any = None
+    renderer: Any = None
+    option = mujoco.MjvOption()
+    option.geomgroup[:] = 1
+    option.geomgroup[HIDDEN] = 0
 
-    def _both(self, frame: int) -> None:
-        import mujoco
-
-        from simgrab.world.scenery.model import HIDDEN, build
-
-        scene, k = self._generator.scene(frame), self._generator.scenario.camera.intrinsics
-        if self._of is not scene.world.model:
-            if self._renderer:
-                self._renderer.close()
-            model = build(scene.world.plan, textured=True).model  # simgrab uploads textures itself
+    def render(frame: int) -> None:
+        nonlocal of, model, renderer
+        scene, k = generator.scene(frame), generator.scenario.camera.intrinsics
+        if of is not scene.world.model:
+            if renderer:
+                renderer.close()
+            of, model = scene.world.model, build(scene.world.plan, textured=True).model  # simgrab uploads textures
             model.vis.global_.offwidth, model.vis.global_.offheight = k.width_px, k.height_px
-            self._renderer = mujoco.Renderer(model, k.height_px, k.width_px, max_geom=model.ngeom + 16)
-            self._of, self._model = scene.world.model, model
-        option = mujoco.MjvOption()
-        option.geomgroup[:] = 1
-        option.geomgroup[HIDDEN] = 0
-        self._model.geom_group[:] = scene.world.model.geom_group
-        for segmented in (False, True):
-            (
-                self._renderer.enable_segmentation_rendering
-                if segmented
-                else self._renderer.disable_segmentation_rendering
-            )()
-            self._renderer.update_scene(scene.renderer.data, mujoco.MjvCamera(), option)
-            scene.renderer.aim(scene.renderer.full, self._renderer.scene)
-            self._renderer.render()
+            renderer = mujoco.Renderer(model, k.height_px, k.width_px, max_geom=model.ngeom + 16)
+        model.geom_group[:] = scene.world.model.geom_group
+        for choose in (renderer.disable_segmentation_rendering, renderer.enable_segmentation_rendering):
+            choose()
+            renderer.update_scene(scene.renderer.data, mujoco.MjvCamera(), option)
+            scene.renderer.aim(scene.renderer.full, renderer.scene)
+            renderer.render()
+
+    return lambda frame: _timed(partial(render, frame))
 
 
 def _boxes(scenario: Scenario) -> Callable[[int], Timed]:
@@ -226,7 +217,5 @@ def _nodes(scene: dict[str, NDArray[Any]]) -> Iterator[Any]:
 def _traced(generator: FrameGenerator, folder: Path, blender: Blender, frame: int) -> Timed:
     path = folder / "traced.npz"
     np.savez(path, **export(generator, frame))
-    job = {
-        "scene": str(path), "samples": SAMPLES, "threads": os.cpu_count(), "out": str(folder / "light.npy"),
-    }  # fmt: skip
+    job = {"scene": str(path), "samples": SAMPLES, "threads": os.cpu_count(), "out": str(folder / "light.npy")}
     return _timed(partial(blender, job))

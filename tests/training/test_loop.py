@@ -4,6 +4,7 @@ import pickle
 import subprocess
 import sys
 import zipfile
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -39,6 +40,12 @@ class Line:
     def validate(self, net):
         x = torch.from_numpy(self.x)[:, None]
         return {"score": -float((net(x) - (3 * x - 1)).square().mean())}
+
+
+def line(**changes):
+    task = Line()
+    vars(task).update(changes)
+    return task
 
 
 def build():
@@ -138,11 +145,8 @@ def test_a_killed_training_resumes_to_the_same_weights(tmp_path, at):
 
 
 def test_it_stops_early_when_nothing_gets_better(tmp_path):
-    class Stuck(Line):
-        def validate(self, _net):
-            return {"score": 1.0}
-
-    trained = train(tmp_path, dataclasses.replace(RECIPE, patience=2), Stuck())
+    stuck = line(validate=lambda _net: {"score": 1.0})
+    trained = train(tmp_path, dataclasses.replace(RECIPE, patience=2), stuck)
     assert (trained.epoch, trained.epochs) == (1, 3)
 
 
@@ -241,26 +245,15 @@ def test_damaged_checkpoints_are_refused_in_one_line(tmp_path):
     "problem", [MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 1 byte")]
 )
 def test_out_of_memory_is_one_line(tmp_path, problem):
-    class Greedy(Line):
-        def loss(self, _net, _batch):
-            raise problem
-
     with pytest.raises(TrainingError, match="out of memory with batches of 16"):
-        train(tmp_path, task=Greedy())
+        train(tmp_path, task=line(loss=Mock(side_effect=problem)))
 
 
 def test_what_cannot_be_trained_is_refused(tmp_path):
-    class Nothing(Line):
-        examples = 0
-
-    class Wild(Line):
-        def loss(self, net, batch):
-            return super().loss(net, batch) * float("nan")
-
     with pytest.raises(TrainingError, match="no training examples"):
-        train(tmp_path, task=Nothing())
+        train(tmp_path, task=line(examples=0))
     with pytest.raises(TrainingError, match="loss of step 0 is nan"):
-        train(tmp_path, task=Wild())
+        train(tmp_path, task=line(loss=lambda net, batch: net(batch["x"]).mean() * float("nan")))
     with pytest.raises(TrainingError, match="device 'abacus'"):
         train(tmp_path, dataclasses.replace(RECIPE, device="abacus"))
     with pytest.raises(TrainingError, match="epochs"):

@@ -5,14 +5,12 @@ import shutil
 import msgspec
 import numpy as np
 import pytest
+from commands import run
 from conftest import altered, small_scene
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
 
-from click.testing import CliRunner  # noqa: E402
-
-from simgrab.cli import cli  # noqa: E402
 from simgrab.dataset import datasets  # noqa: E402
 from simgrab.dataset.render import render  # noqa: E402
 from simgrab.dataset.tables import table_of  # noqa: E402
@@ -160,10 +158,9 @@ def test_a_killed_training_ends_in_the_same_bytes(dataset, tmp_path):
 
 
 def test_the_command_line_trains(dataset, tmp_path):
-    options = ["train", "reader", str(dataset), "--out", str(tmp_path / "made"), "--epochs", "1", "--json"]
-    result = CliRunner().invoke(cli, options, catch_exceptions=False)
-    assert result.exit_code == 0
-    assert json.loads(result.stdout)["digits"] == 288
+    status, printed, _ = run("train", "reader", dataset, "--out", tmp_path / "made", "--epochs", 1, "--json")
+    assert status == 0
+    assert json.loads(printed)["digits"] == 288
     assert (tmp_path / "made/reader.md").exists()
 
 

@@ -1,7 +1,5 @@
 """The display's font: the bundled one as before, a user's own file, and generated ones."""
 
-from __future__ import annotations
-
 import io
 import itertools
 from pathlib import Path

@@ -99,14 +99,13 @@ def test_triton_finds_its_own_llvm_when_it_is_imported_after_mesa(monkeypatch, t
     monkeypatch.setattr(llvm, "ctypes", types.SimpleNamespace(CDLL=lambda path, mode: loaded.append((path, mode))))
     monkeypatch.setattr(sys, "meta_path", [f for f in sys.meta_path if not isinstance(f, llvm._Finder)])
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "triton", raising=False)
+    monkeypatch.setitem(sys.modules, "triton", None)  # at the end there is again what is there now
+    del sys.modules["triton"]
     before = len(sys.meta_path)
     llvm.keep_apart()
     llvm.keep_apart()
     assert (len(sys.meta_path), loaded) == (before + 1, [])
-    import triton
-
-    monkeypatch.setitem(sys.modules, "triton", triton)  # removed again
+    importlib.import_module("triton")
     del sys.modules["triton"]
     importlib.import_module("triton")
     assert loaded == [(str(tmp_path / "triton" / "_C" / "libtriton.so"), os.RTLD_NOW | os.RTLD_DEEPBIND)]

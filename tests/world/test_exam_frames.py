@@ -9,17 +9,14 @@ from simgrab.dataset import stored
 from simgrab.model import scenes
 from simgrab.world.frames import FrameGenerator
 
-SMALL = {"camera.width_px": 480, "camera.height_px": 270, "camera.focal.pixels_per_mm": 342.67 / 4,
-         "image.samples": 0, "image.shadow_map_px": 1024}  # fmt: skip
-
-
 # Of those left out, calm is the base of all, and windy and known differ from it in numbers alone.
 EXAMS = ("heavy-snow", "night-snow", "rain", "fog-dust", "glare", "family-scissors", "family-large")
 
 
 @pytest.mark.parametrize("name", slow_but([f"exam-{name}" for name in EXAMS], "exam-heavy-snow"))
 def test_an_exam_shows_the_grab_or_none(name):
-    with FrameGenerator(scenes.load(name, SMALL)) as generator:
+    fast = {"image.samples": 0, "image.shadow_map_px": 1024}
+    with FrameGenerator(scenes.load(name, fast, size=(480, 270))) as generator:
         first = [generator.project(frame).moment for frame in range(15)]
         there = next(m.frame for m in first if m.present)
         assert not all(m.present for m in first)

@@ -11,13 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import run
 from conftest import as_options, digests, small_scene
 from world import user_functions
 from world.user_functions import circle, invert, passing, speckle, sunny_or_grey
 
 import simgrab
-from simgrab.cli import cli
 from simgrab.errors import DatasetError, ExtensionError, ScenarioError
 from simgrab.world.extensions import Extensions, Recipe
 from simgrab.world.trajectory.trajectory import Trajectory
@@ -167,13 +166,11 @@ def test_installed_packages_offer_functions_by_name(monkeypatch, tmp_path):
         Extensions.of(None, None, ["fog"])
     small = ["quay-day", *as_options({"camera.width_px": 320, "camera.height_px": 180, "place": {"model": "plain"}})]
     render = ["render", *small, "--frames", "2", "--quiet", "--effect", "speckle"]
-    done = CliRunner().invoke(cli, [*render, "--out", str(tmp_path / "a")])
-    assert done.exit_code == 0, done.output
-    again = ["render", str(tmp_path / "a" / "manifest.json"), "--quiet", "--out"]
-    refused = CliRunner().invoke(cli, [*again, str(tmp_path / "b")])
-    assert "a user's functions (effect world.user_functions:speckle)" in str(refused.exception or refused.output)
-    done = CliRunner().invoke(cli, [*again, str(tmp_path / "c"), "--effect", "speckle"])
-    assert digests(tmp_path / "a") == digests(tmp_path / "c"), done.output
+    assert run(*render, "--out", tmp_path / "a")[0] == 0
+    again = ["render", tmp_path / "a" / "manifest.json", "--quiet", "--out"]
+    assert "a user's functions (effect world.user_functions:speckle)" in run(*again, tmp_path / "b")[2]
+    assert run(*again, tmp_path / "c", "--effect", "speckle")[0] == 0
+    assert digests(tmp_path / "a") == digests(tmp_path / "c")
 
 
 def numpy_circle(scenario, frame, rng):

@@ -1,7 +1,5 @@
 """Laws of the default grab and of its paint; `test_families` has those that hold for all clamshells."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

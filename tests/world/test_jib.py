@@ -1,7 +1,5 @@
 """The jib head's steel, and the ropes that leave it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Models of every kind: each feature of a format is read as its standard says, named by the check, or refused."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

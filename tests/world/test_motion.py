@@ -5,19 +5,15 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 from conftest import small_scene
 from scipy import signal, stats
 
 from simgrab.model import scenes
-from simgrab.world.scenery.grabs.four_rope import four_rope
 from simgrab.world.trajectory.clip import ClipMotion
 from simgrab.world.trajectory.moment import STANDARD_GRAVITY
 from simgrab.world.trajectory.noise import noise, von_karman
 from simgrab.world.trajectory.plant import AIR_KG_M3
 from simgrab.world.trajectory.work import Work
-
-GRAB = four_rope()
 
 
 def dynamic(**changes):
@@ -85,28 +81,6 @@ def test_turbulence_has_von_karmans_spectrum_and_the_stated_intensity():
         error = 1 / np.sqrt(band.sum() * len(u) / 16384)
         assert density[band].mean() == pytest.approx(karman[band].mean(), rel=0.03 + 4 * error)
     assert u.std() == pytest.approx(1.0, abs=0.05)
-
-
-@pytest.mark.parametrize("jaw", [0.0, 0.3, 0.96])
-def test_mass_properties_are_those_of_the_meshes(jaw):
-    placed = []
-    frames = GRAB.frames(min(jaw, GRAB.max_jaw))
-    for body in GRAB.bodies:
-        mesh = trimesh.util.concatenate([p.mesh for p in body.parts])
-        mesh.density = body.mass_kg / mesh.volume
-        mesh.apply_transform(frames[body.name])
-        placed.append(mesh)
-    total = sum(m.mass for m in placed)
-    centre = sum(m.mass * m.center_mass for m in placed) / total
-    inertia = sum(
-        m.moment_inertia + m.mass * (np.dot(d, d) * np.eye(3) - np.outer(d, d))
-        for m in placed
-        for d in [m.center_mass - centre]
-    )
-    found = GRAB.mass_of(jaw, 0.0)
-    assert found.mass == pytest.approx(total)
-    assert found.centre_z == pytest.approx(centre[2], abs=0.01)
-    assert found.inertia == pytest.approx(tuple(np.diag(inertia)), rel=0.01)
 
 
 @pytest.mark.long

@@ -224,13 +224,10 @@ def test_the_font_has_every_character_and_nothing_else():
 
 
 @pytest.mark.parametrize("mount", ["fixed", "levelled", "rigid"])
-def test_the_camera_file_says_how_the_camera_hangs(mount):
-    assert calibration_of(scenes.load("quay-day", {"camera.mount": {"model": mount}})).mount == mount
-
-
-def test_the_camera_file_says_what_the_display_is():
-    scenario = scenes.load("quay-day", {"display.layout": "four-point-four", "display.constant_m": 1.25})
+def test_the_camera_file_says_how_the_camera_hangs_and_what_the_display_is(mount):
+    display = {"display.layout": "four-point-four", "display.constant_m": 1.25}
+    scenario = scenes.load("quay-day", display | {"camera.mount": {"model": mount}})
     known = tomllib.loads(calibration_of(scenario).to_toml())
-    assert known["display_constant_m"] == 1.25
+    assert (known["mount"], known["display_constant_m"]) == (mount, 1.25)
     assert known["digit_layout"]["hoist_px"][0] == [1536, 1004]
     assert "digit_layout" not in tomllib.loads(calibration_of(scenes.load("quay-day")).to_toml())

@@ -1,7 +1,5 @@
 """A place that is a photograph: the same labels, the photograph's own pixels, and refusals of what is none."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Sequence
@@ -92,7 +90,8 @@ def test_a_photograph_is_in_one_split(tmp_path: Path, varies: bool) -> None:
     (tmp_path / "yards").mkdir()
     for i in range(12):
         Image.fromarray(np.full((90, 160, 3), 60 + 10 * i, np.uint8)).save(tmp_path / "yards" / f"{i}.png")
-    changes = {"splits": {"train": 0.5, "val": 0.25, "test": 0.25}, "light.sun": 0.0, "frames": 60}
+    changes = {"splits": {"train": 0.5, "val": 0.25, "test": 0.25}, "light.sun": 0.0, "frames": 60, "image.samples": 0,
+               "image.shadow_map_px": 0, "jib.head": "none"}  # fmt: skip
     if varies:
         changes |= {"clip.clip_frames": 3, "vary": {"camera.beta_deg": {"dist": "uniform", "low": 1.0, "high": 5.0}}}
     shown: dict[str, set[int]] = {"train": set(), "val": set(), "test": set()}

@@ -1,7 +1,5 @@
 """Places: solid, finite, on the ground, wide enough, and the same from the same stream."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

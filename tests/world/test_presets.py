@@ -28,23 +28,17 @@ def presets() -> Scenario:
     return scenes.load("calm-day", SMALL | frames | {"seed": SEED, "vary": vary})
 
 
-def record(name) -> Scenario:
+def record() -> Scenario:
     """Two clips of two frames of one of the twins, with sensors."""
     over_the_yard = {"swing.work.dig_rope_m": 20.0, "swing.settle_s": 1.0}
-    return scenes.load(name, SMALL | over_the_yard | {"frames": 4, "clip.clip_frames": 2, "sensors": SENSORS})
+    changes = SMALL | over_the_yard | {"frames": 4, "clip.clip_frames": 2, "sensors": SENSORS}
+    return scenes.load("qingdao-heavy-snow", changes)
 
 
-SCENES = {
-    "presets": presets,
-    "qingdao-heavy-snow": lambda: record("qingdao-heavy-snow"),
-}
-
-
-@pytest.fixture(scope="module", params=SCENES)
+@pytest.fixture(scope="module", params=[presets, record])
 def drawn(request, tmp_path_factory):
     """A scene, and its dataset as one process draws it."""
-    scenario = SCENES[request.param]()
-    path = tmp_path_factory.mktemp("data") / request.param
+    scenario, path = request.param(), tmp_path_factory.mktemp("data") / "drawn"
     render(scenario, path)
     return scenario, path
 

@@ -3,6 +3,7 @@
 import os
 import types
 from contextlib import closing
+from unittest.mock import Mock
 
 import mujoco
 import numpy as np
@@ -149,9 +150,7 @@ def test_masses(generator):
 def test_no_opengl_says_what_to_install(monkeypatch, scene):
     from simgrab.errors import RendererError
 
-    def broken(*_):
-        raise AttributeError("'NoneType' object has no attribute 'eglQueryString'")
-
+    broken = Mock(side_effect=AttributeError("'NoneType' object has no attribute 'eglQueryString'"))
     monkeypatch.setattr(f"mujoco.{os.environ['MUJOCO_GL']}.GLContext", broken)
     with pytest.raises(RendererError, match="apt-get install"):
         Renderer(types.SimpleNamespace(model=mujoco.MjSpec().compile(), textures={}), scene, Recipe(scene).split)

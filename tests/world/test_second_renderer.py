@@ -7,6 +7,7 @@ import tomllib
 from contextlib import ExitStack, closing
 from itertools import combinations
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -101,12 +102,7 @@ def test_mujoco_and_both_second_renderers_agree(scene_fixture, request):
 
 
 def failing(package, problem):
-    class Fails:
-        def __init__(self):
-            raise RendererError(problem)
-
-    Fails.package = package
-    return Fails
+    return Mock(side_effect=RendererError(problem), package=package)
 
 
 class Works:

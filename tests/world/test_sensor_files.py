@@ -53,17 +53,24 @@ def rendered(scene, tmp_path_factory):
     return path
 
 
-def test_an_imu_is_read_back_as_eurocs(rendered, scene):
+IMU = [
+    "w_RS_S_x [rad s^-1]", "w_RS_S_y [rad s^-1]", "w_RS_S_z [rad s^-1]",
+    "a_RS_S_x [m s^-2]", "a_RS_S_y [m s^-2]", "a_RS_S_z [m s^-2]",
+]  # fmt: skip
+HEADERS = {"imu0": IMU, "imu1": IMU, "hoist": ["rope_length [m]"], "tilt": ["tilt_x [deg]", "tilt_y [deg]"]}
+
+
+def test_files_are_read_back_as_eurocs(rendered, scene):
     for clip in range(2):
         recorded = simgrab.sensors(scene, clip)
-        for name in ("imu0", "imu1"):
+        for name, columns in HEADERS.items():
             stamps, values, header, about = euroc(rendered / f"sensors/clip_{clip:03d}/{name}")
             np.testing.assert_array_equal(stamps, recorded[name].stamp_ns)
             np.testing.assert_array_equal(values, recorded[name].values)
-            assert header == [
-                "w_RS_S_x [rad s^-1]", "w_RS_S_y [rad s^-1]", "w_RS_S_z [rad s^-1]",
-                "a_RS_S_x [m s^-2]", "a_RS_S_y [m s^-2]", "a_RS_S_z [m s^-2]",
-            ]  # fmt: skip
+            assert header == columns
+            if not name.startswith("imu"):
+                assert about["sensor_type"] == {"tilt": "inclinometer", "hoist": "encoder"}[name]
+                continue
             rate = {"imu0": 200, "imu1": 100}[name]
             assert len(stamps) == pytest.approx(2 / 9 * rate, abs=1)
             assert np.diff(stamps) == pytest.approx(1e9 / rate, abs=1)
@@ -71,25 +78,15 @@ def test_an_imu_is_read_back_as_eurocs(rendered, scene):
             pose = about["T_BS"]
             data = np.array(pose["data"]).reshape(pose["rows"], pose["cols"])
             np.testing.assert_array_equal(data, recorded[name].body_from_sensor)
-            assert data[2, 3] == pytest.approx(
-                1.64 if name == "imu0" else 0, abs=0.001
-            )  # below the ropes' ends, in the grab's frame
+            # Below the ropes' ends, in the grab's frame.
+            assert data[2, 3] == pytest.approx(1.64 if name == "imu0" else 0, abs=0.001)
+    _, _, _, about = euroc(rendered / "sensors/clip_000/hoist")
+    assert about["resolution_m"] == 0.005
     _, _, _, about = euroc(rendered / "sensors/clip_000/imu0")
     assert {key: about[key] for key in about if "scope" in key or "meter" in key} == {
         "gyroscope_noise_density": 1.6968e-4, "gyroscope_random_walk": 1.9393e-5,
         "accelerometer_noise_density": 2.0e-3, "accelerometer_random_walk": 3.0e-3,
     }  # fmt: skip
-
-
-def test_slow_sensors_are_read_back(rendered, scene):
-    recorded = simgrab.sensors(scene)
-    for name, columns in (("tilt", ["tilt_x [deg]", "tilt_y [deg]"]), ("hoist", ["rope_length [m]"])):
-        stamps, values, header, about = euroc(rendered / "sensors/clip_000" / name)
-        assert header == columns
-        np.testing.assert_array_equal(stamps, recorded[name].stamp_ns)
-        np.testing.assert_array_equal(values, recorded[name].values)
-        assert about["sensor_type"] == {"tilt": "inclinometer", "hoist": "encoder"}[name]
-    assert about["resolution_m"] == 0.005
 
 
 def test_the_controllers_data_are_read_by_the_instrument_and_so_are_encoders(rendered, scene, tmp_path):

@@ -4,6 +4,7 @@ from conftest import small_scene
 from hypothesis import given
 from hypothesis import strategies as st
 
+import simgrab
 from simgrab.model.geometry import to_camera
 from simgrab.world.camera.optics.light import to_linear
 from simgrab.world.camera.shutter import MOST_INSTANTS, instants, row_time, row_weights
@@ -55,8 +56,7 @@ def grab_px(scene, moment):
 
 
 def draw(scene, frame):
-    with FrameGenerator(scene) as generator:
-        return generator.frame(frame)
+    return next(simgrab.frames(scene, [frame], buffers=False))
 
 
 def test_a_picture_is_blurred_along_the_way_during_the_exposure():

@@ -6,9 +6,8 @@ import io
 import numpy as np
 import pytest
 import trimesh
-from click.testing import CliRunner
+from commands import run
 
-from simgrab.cli import cli
 from simgrab.errors import ScenarioError
 from simgrab.io import step
 from simgrab.model.scenario import Mesh
@@ -81,14 +80,9 @@ def drawing(tmp_path):
     return path
 
 
-def convert(*arguments):
-    result = CliRunner().invoke(cli, ["grab", "convert", *map(str, arguments)])
-    return result.exit_code, f"{result.output}{result.exception}"
-
-
 def test_a_step_file_becomes_a_glb_in_metres_that_is_a_grab(drawing, tmp_path):
     target = tmp_path / "our-grab.glb"
-    assert convert(drawing, "--out", target)[0] == 0
+    assert run("grab", "convert", drawing, "--out", target)[0] == 0
     scene = trimesh.load_scene(io.BytesIO(target.read_bytes()), file_type="glb")
     np.testing.assert_allclose(scene.bounds, [[-1, 0, -0.75], [1, 3, 0.75]], atol=1e-6)  # glTF has y up
     assert any("Grab" in name for name in scene.graph.nodes)
@@ -107,7 +101,7 @@ def test_units_are_those_of_the_file(tmp_path):
 
 def test_what_cannot_be_converted_is_refused_in_a_line(drawing, tmp_path):
     (tmp_path / "taken.glb").write_bytes(b"mine")
-    assert "exists; choose another --out" in convert(drawing, "--out", tmp_path / "taken.glb")[1]
+    assert "exists; choose another --out" in run("grab", "convert", drawing, "--out", tmp_path / "taken.glb")[2]
     assert (tmp_path / "taken.glb").read_bytes() == b"mine"
     whole = drawing.read_text()
     for content, message in (

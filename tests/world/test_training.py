@@ -65,11 +65,6 @@ def test_frames_of_a_variant_stay_in_one_split():
 
 
 @pytest.mark.slow
-def test_the_audit_passes(varied):
-    assert [p.findings for p in audit(varied).proofs if p.status == "failed"] == []
-
-
-@pytest.mark.slow
 def test_the_paint_is_the_one_drawn():
     """Reds and blues among the grab's own pixels go by the drawn name."""
     plain = small_scene(
@@ -126,8 +121,9 @@ def test_an_absent_grab_is_not_drawn_nor_are_its_ropes():
 
 
 @pytest.mark.slow
-def test_the_audit_passes_without_the_grab(half_empty):
-    assert [p.findings for p in audit(half_empty).proofs if p.status == "failed"] == []
+@pytest.mark.parametrize("made", ["varied", "half_empty"])
+def test_the_audit_passes(made, request):
+    assert [p.findings for p in audit(request.getfixturevalue(made)).proofs if p.status == "failed"] == []
 
 
 def test_a_scene_without_any_grab_is_refused():
@@ -172,8 +168,8 @@ def test_other_grabs_are_seen_and_never_labelled():
 @pytest.mark.slow
 def test_the_training_scene_runs():
     """One small world of the bundled scene, whole: drawn, labelled, encoded."""
-    size = {"camera.width_px": 480, "camera.height_px": 270, "camera.focal.pixels_per_mm": 342.67 / 4}
-    with FrameGenerator(scenes.load("training", size | {"image.samples": 0, "image.shadow_map_px": 1024})) as generator:
+    fast = {"image.samples": 0, "image.shadow_map_px": 1024}
+    with FrameGenerator(scenes.load("training", fast, size=(480, 270))) as generator:
         row = stored.make(generator, 9).record.truth
     assert row.variant == 1
     assert len(json.loads(row.varied)) > 20

@@ -13,11 +13,11 @@ import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
+from commands import run
 from conftest import SMALL, as_options, digests, small_scene
+from test_dataset import stopping
 
 import simgrab
-from simgrab.cli import cli
 from simgrab.dataset.manifest import identity
 from simgrab.dataset.render import render
 from simgrab.dataset.video.encode import Shot, encode_clip
@@ -121,9 +121,8 @@ def test_workers_manifest_and_command_line_give_the_same_bytes(videos, tmp_path)
     again = scenes.load(videos / "swing-001.manifest.json")
     render_video(again, tmp_path / "two" / "again.mp4", workers=2)
     assert digests(tmp_path / "two", "again") == digests(videos, "swing")
-    command = ["render", "quay-day", *as_options(SMALL | ROUGH), "--quiet", "--workers", "1"]
-    done = CliRunner().invoke(cli, [*command, "--video", str(tmp_path / "cli" / "swing.mp4")])
-    assert (done.exit_code, done.output) == (0, "")
+    command = ["render", "quay-day", *as_options(SMALL | ROUGH), "--quiet", "--workers", 1]
+    assert run(*command, "--video", tmp_path / "cli" / "swing.mp4") == (0, "", "")
     assert digests(tmp_path / "cli") == digests(videos)
 
 
@@ -159,13 +158,9 @@ def test_frames_and_video_come_from_one_run(videos, rough, tmp_path, monkeypatch
 
 @pytest.mark.slow
 def test_dataset_and_video_are_taken_up_together(videos, rough, tmp_path):
-    def stop(done, _):
-        if done == 13:
-            raise KeyboardInterrupt
-
     places = {"out": tmp_path / "data", "video": tmp_path / "swing.mp4"}
     with pytest.raises(KeyboardInterrupt):
-        render(rough, **places, progress=stop)
+        render(rough, **places, progress=stopping(13))
     with pytest.raises(DatasetError, match="--resume"):
         render(rough, **places)
     told = []

@@ -50,8 +50,8 @@ class Motion:
         Since the clip began.
     attitude : ndarray, shape (n, 3, 3)
         Rotation of the grab's frame in the pivot frame.
-    rate, acceleration : ndarray, shape (n, 3)
-        Its angular velocity and acceleration, grab frame.
+    rate : ndarray, shape (n, 3)
+        Its angular velocity, grab frame.
     direction, direction_rate, direction_acceleration : ndarray, shape (n, 3)
         Unit vector from O to T, with its derivatives.
     rope, rope_rate, rope_acceleration : ndarray, shape (n,)
@@ -83,7 +83,6 @@ class Motion:
     time: Array
     attitude: Array
     rate: Array
-    acceleration: Array
     direction: Array
     direction_rate: Array
     direction_acceleration: Array
@@ -206,7 +205,7 @@ def _hung(rows: Array, end_height: float) -> dict[str, Array]:
     )
     direction, direction_rate, direction_acceleration = directions
     return {
-        "attitude": _rotations(grab), "rate": grab[:, 4:7], "acceleration": grab[:, 7:],
+        "attitude": _rotations(grab), "rate": grab[:, 4:7],
         "direction": direction, "direction_rate": direction_rate, "direction_acceleration": direction_acceleration,
         "rope": rope, "rope_rate": rope_rate, "rope_acceleration": rope_acceleration, "length": rope - end_height,
     }  # fmt: skip

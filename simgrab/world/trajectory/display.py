@@ -68,16 +68,13 @@ def shown(display: Display, layout: Layout, time_s: float, lengths_at: Callable[
         return Shown(clock, above, above, None)
     below = text_of(last + 1)
     row = max(0, math.floor(into / display.readout_s * layout.height_px))
-    changed = [cell for cell, a, b in zip(layout.cells, _digits(above), _digits(below), strict=True) if a != b]
+    digits = (filter(str.isdigit, text) for text in (above, below))
+    changed = [cell for cell, a, b in zip(layout.cells, *digits, strict=True) if a != b]
     if all(y0 >= row for _, y0, _, _ in changed):
         return Shown(clock, below, below, None)
     if all(y1 <= row for _, _, _, y1 in changed):
         return Shown(clock, above, above, None)
     return Shown(clock, above, below, row)
-
-
-def _digits(text: str) -> str:
-    return "".join(c for c in text if c.isdigit())
 
 
 def clock_text(started: datetime, time_s: float) -> str:
