@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_left
 from collections.abc import Callable
 from contextlib import suppress
@@ -58,8 +59,8 @@ class ClockColumn(Checked, frozen=True, kw_only=True):
     ----------
     column : str
     unit : str
-        ``"s"``, ``"ms"``, ``"us"``, ``"ns"``, or ``"iso"`` for texts such as 2026-03-02T08:15:00.25
-        or 08:15:00,25.
+        ``"s"``, ``"ms"``, ``"us"``, ``"ns"``, or ``"iso"`` for texts such as 2026-03-02T08:15:00.25,
+        02.03.2026 08:15:00,25 or 08:15:00,25.
     start : float or str or None
         Time of the first frame, as the column has it; None is 0. Of texts only a live run goes without it.
     clock_sd_s : float
@@ -359,7 +360,7 @@ def _rows(path: Path, table: pa.Table, clock: ClockColumn, notes: list[str]) -> 
     if clock.unit == "iso":
         start = 0.0 if clock.start is None else _moment(str(clock.start))
         time, bad = _parsed(path, table, clock.column, _moment)
-        cure = "; texts such as 2026-03-02T08:15:00 or 08:15:00 are needed"
+        cure = f"; texts such as {_FORMS} are needed"
         first = str(table[clock.column][int(np.isfinite(time).argmax())])
         if isinstance(clock.start, str) and np.isfinite(time).any() and _form(first) != _form(clock.start):
             raise RecordError(
@@ -487,12 +488,15 @@ def _of_commas(table: pa.Table, name: str, bad: Bad) -> str:
     return decimal_comma(str(table[name][int(bad.argmax())])) if bad.any() else ""
 
 
+_FORMS = "2026-03-02T08:15:00, 02.03.2026 08:15:00 or 08:15:00"
+
+
 def _moment(text: str) -> float:
     """Read a date with a time, or a time of day: s since `EPOCH`, or since midnight; without a zone it is UTC."""
     try:
         return (_stated(text) - EPOCH).total_seconds()
     except ValueError:
-        raise RecordError(f"start: must be such as 2026-03-02T08:15:00 or 08:15:00, got {shown(text)}") from None
+        raise RecordError(f"start: must be such as {_FORMS}, got {shown(text)}") from None
 
 
 def _form(text: str) -> tuple[bool, bool]:
@@ -505,7 +509,7 @@ def _of_day(text: str) -> bool:
 
 
 def _stated(text: str, zone: tzinfo | None = UTC) -> datetime:
-    text = text.strip()
+    text = re.sub(r"^(\d\d)\.(\d\d)\.(\d{4}) +", r"\3-\2-\1T", text.strip())  # day, month, year
     found = datetime.fromisoformat(f"{EPOCH:%Y-%m-%d}T{text}" if _of_day(text) else text)
     return found if found.tzinfo and not (zone and _of_day(text)) else found.replace(tzinfo=zone)
 

@@ -447,7 +447,7 @@ REFUSED = {
     ),
     "no times": (
         column("t", lambda _c: ["8.15"] * 600), {"time": {"column": "t", "unit": "iso", "start": "08:15:00"}},
-        None, "not a time; texts such as 2026-03-02T08:15:00 or 08:15:00 are needed",
+        None, "not a time; texts such as 2026-03-02T08:15:00, 02.03.2026 08:15:00 or 08:15:00 are needed",
     ),
     "a zone in start alone": (
         column("t", lambda _c: [f"{START + timedelta(seconds=t):%Y-%m-%dT%H:%M:%S.%f}" for t in TIME.tolist()]),
@@ -518,6 +518,14 @@ def test_times_of_day_may_pass_midnight_by_the_wall_clock(tmp_path, start, unit,
     np.testing.assert_allclose(found.time, TIME - (start - 86_380) % 86_400, atol=1e-5)
     assert "passes midnight" in found.notes[0]
     assert len(found.notes) == 1
+
+
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S.%f"])
+def test_dates_are_read_in_their_usual_forms(tmp_path, form):
+    cells = [(START + timedelta(seconds=t)).strftime(form) for t in TIME.tolist()]
+    about = {"column": "t", "unit": "iso", "start": (START + timedelta(seconds=2)).strftime(form)}
+    found = read_controller(plain(tmp_path, column("t", lambda _c: cells), time=about))
+    np.testing.assert_allclose(found.time, TIME - 2, atol=1e-5)
 
 
 def test_a_start_that_is_not_stated_is_named_with_the_clock(tmp_path):

@@ -82,8 +82,12 @@ def _checks(controller: Controller) -> str:
     """Say what to check of a controller's description, and that its readings are coarse where they are."""
     radius_m = RADIUS_M if controller.radius is None else float(np.nanmean(controller.radius))
     off_m = max(controller.slew_sd * radius_m, controller.radius_sd)
-    coarse = f" Its readings are {100 * off_m:.0f} cm off each: finer ones may follow."
-    return f"{CHECKS}{coarse if off_m > COARSE_M else ''}"
+    if off_m < COARSE_M:
+        return CHECKS
+    return (
+        f"its readings are {100 * off_m:.0f} cm off each, by resolution and jitter_s, which is 0.29 of a period unless "
+        f"stated: more of them, or a lower jitter_s if that is so, may follow; else {CHECKS}"
+    )
 
 
 def follows(found: Estimate) -> bool:

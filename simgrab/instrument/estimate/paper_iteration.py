@@ -106,7 +106,7 @@ class PaperIteration(FrameEstimator):
             argument = mean_c[index] * np.exp(new_sigma2 / 2)  # (est-3)
             new = np.arccos(np.where(argument <= 1, argument, np.nan))
             for i in np.flatnonzero(argument > 1):
-                reason[index[i]] = _why(t + 1, argument[i], beta0[index[i]], kurtosis[index[i]])
+                reason[index[i]] = _why(t + 1, argument[i], now[i], kurtosis[index[i]])
             small = (np.abs(new - now) < self.epsilon) & (np.abs(new_sigma2 - sigma2[index]) < self.epsilon)
             for i in index[small]:
                 reason[i] = ""
@@ -135,11 +135,14 @@ class PaperIteration(FrameEstimator):
         return result * frames.present[:, None]
 
 
-def _why(step: int, argument: float, start: float, kurtosis: float) -> str:
-    text = f"step {step} of (est-3) asks for arccos({argument:.8g}), which is above 1: "
-    if start == 0:
+def _why(step: int, argument: float, beta: float, kurtosis: float) -> str:
+    text = f"step {step} of (est-3) asks for arccos(1 + {argument - 1:.2g}): "
+    if beta == 0:
         return text + f"the kurtosis of the ray angles is {kurtosis:.3g}, and from start 0 it must be below 3"
-    return text + f"the start, {math.degrees(start):.3g} deg, is more than twice the tilt"
+    return (
+        text
+        + f"{'the start' if step == 1 else 'the last β'}, {math.degrees(beta):.3g} deg, is more than twice the tilt"
+    )
 
 
 def _median_influence(frames: Frames, direction: Array) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from simgrab.model.geometry import Array, camera_rotation
 from simgrab.reports.plots import Axes, Figure
 
 BLUE, RED, GREY, GREEN = "#1f5a8a", "#c8321b", "#8a8f94", "#3d7f4f"
+MOST_PARTS = 4800
 _LOST = {"lost": "black", "missed": RED, "unread": "#b58900", "refused": GREY}
 
 
@@ -31,8 +32,9 @@ def trace(run: Run) -> Figure:
     for event in run.events:
         axes.axvspan(event.onset_s, max(event.end_s, event.onset_s + 0.1), color=RED, alpha=0.18, lw=0)
     style = {"lw": 0.8} if run.time is not None else {"lw": 0, "marker": ".", "ms": 3}
-    axes.fill_between(at, *np.rad2deg(run.ends).T, color=GREY, alpha=0.45, lw=0, label="95 % interval", rasterized=True)
-    axes.plot(at, alpha, color=BLUE, label="α", rasterized=True, **style)
+    band, line = _ends(at, *np.rad2deg(run.ends).T), _ends(at, alpha, alpha)
+    axes.fill_between(*band, color=GREY, alpha=0.45, lw=0, label="95 % interval", rasterized=True)
+    axes.plot(np.repeat(line[0], 2), np.ravel(line[1:], "F"), color=BLUE, label="α", rasterized=True, **style)
     axes.axhline(10, color=RED, lw=1, ls="--", label="danger, 10°")
     mark_lost(axes, at, run)
     top = np.nanmax(alpha, initial=0.0)
@@ -83,6 +85,12 @@ def rope(run: Run) -> Figure:
     axes.set(xlabel=label, ylabel="rope (m)", ylim=(0, None), xlim=_span(at))
     axes.legend(fontsize=8, loc="lower right")
     return figure
+
+
+def _ends(at: Array, low: Array, high: Array) -> tuple[Array, Array, Array]:
+    """Lowest and highest values (m,) in parts of a record (n,), of which there are no more than a figure shows."""
+    starts = np.arange(0, len(at), -(-len(at) // MOST_PARTS))
+    return at[starts], np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
 
 
 def _foot(axes: Axes, at: Array, colour: str, label: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -39,6 +40,7 @@ _PARTS = {
     "centre_sd": ("u_sd_px", "v_sd_px"),
 }
 _TEXT = ("status", "reason", "rope_text", "rope_status")
+_AT_ONCE = 1024  # rows of plain values, which take more memory than the table
 
 
 class _Estimated(msgspec.Struct, frozen=True):
@@ -131,13 +133,11 @@ class Run:
         return np.array([m.centre or (np.nan, np.nan) for m in self.measurements], float).reshape(-1, 2)
 
 
-def rows(run: Run) -> list[dict[str, Any]]:
+def rows(run: Run) -> Iterator[dict[str, Any]]:
     """One plain row a frame; angles in degrees."""
     times = [None] * len(run.names) if run.time is None else run.time.tolist()
-    return [
-        {"frame": i, "time_s": time, "file": encodable(name)} | _row(m)
-        for i, (time, name, m) in enumerate(zip(times, run.names, run.measurements, strict=True))
-    ]
+    for i, (time, name, m) in enumerate(zip(times, run.names, run.measurements, strict=True)):
+        yield {"frame": i, "time_s": time, "file": encodable(name)} | _row(m)
 
 
 def _row(m: Measurement) -> dict[str, Any]:
@@ -177,7 +177,10 @@ def table(run: Run) -> pa.Table:
     names = ["frame", "time_s", "file", *_row(Measurement(status="lost", reason="-"))]
     kinds = {"frame": pa.int64(), "file": pa.string()} | dict.fromkeys(_TEXT, pa.string())
     schema = pa.schema([pa.field(name, kinds.get(name, pa.float64())) for name in names])
-    return pa.Table.from_pylist(rows(run), schema=schema)
+    plain, parts = rows(run), list[pa.Table]()
+    while part := list(itertools.islice(plain, _AT_ONCE)):
+        parts.append(pa.Table.from_pylist(part, schema=schema))
+    return pa.concat_tables(parts).combine_chunks()
 
 
 def alarms(events: Sequence[Event]) -> list[dict[str, Any]]:

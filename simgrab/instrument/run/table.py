@@ -17,6 +17,7 @@ from simgrab.model.geometry import Array
 
 Row = tuple[str, str, str, str]
 MOST_FAULTS, MOST_ONSETS = 40, 6  # that are listed
+SURE_ROLL_DEG = 2.0
 HEAD = ("", "the paper's video", "the paper's method", "this run")
 # Section 4.5 and its appendix: 3,699 frames by day, in the order of `measured`.
 _PUBLISHED = ("3699", "2.530", "2.664", "over 95 %", "10.010")
@@ -97,8 +98,9 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows.append(("estimator", estimate["estimator"] + refusal))
         rows += _intervals(estimate, timed=run.time is not None)
         if (roll := estimate["diagnostics"].get("roll_deg")) is not None:
-            by = f"{roll:.1f} ± {NORMAL * estimate['diagnostics']['roll_sd_deg']:.1f} deg by the swing"
-            rows.append(("roll", f"{by}; state it as roll_deg in the camera file"))
+            within = NORMAL * estimate["diagnostics"]["roll_sd_deg"]
+            state = "; state it as roll_deg in the camera file" if within < SURE_ROLL_DEG else ""
+            rows.append(("roll", f"{roll:.1f} ± {within:.1f} deg by the swing{state}"))
     elif run.about["tilt"] is not None:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
     if (radius_m := (run.about["tilt"] or {}).get("radius_m")) is not None:
