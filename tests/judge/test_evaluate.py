@@ -173,6 +173,11 @@ def test_a_part_of_angles_alone_is_found_by_them(swinging, tmp_path):
     part = dataclasses.replace(whole, time=time, names=whole.names[17:47], measurements=tuple(angles))
     found = truths.of(part, swinging / "swing.mp4")
     np.testing.assert_array_equal(found.alpha, known[17:47])
+    same = [Measurement(status=m.status, reason=m.reason, alpha=0.05 if m.alpha else None) for m in whole.measurements]
+    constant = dataclasses.replace(whole, measurements=tuple(same))
+    np.testing.assert_array_equal(truths.of(constant, swinging / "swing.mp4").alpha, known)  # its times are the video's
+    with pytest.raises(RunError, match="state it by --start"):
+        truths.of(dataclasses.replace(part, measurements=tuple(same[17:47])), swinging / "swing.mp4")
 
 
 def test_a_cut_that_fits_anywhere_is_refused(clean, swinging, tmp_path):

@@ -179,7 +179,8 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
         true = _signs(known.centre, [row.rope_text for row in table])
         if not np.isfinite(measured[:, 2]).mean() > _LEAST_READ:
             measured, true = measured[:, :2], true[:, :2]
-        if not np.isfinite(measured).all(axis=1).any():  # angles alone
+        part = bool(sent.any()) and np.ptp(times[sent]) < np.ptp(stamps) - 2 * spacing(stamps)
+        if part and not np.isfinite(measured).all(axis=1).any():  # angles alone
             measured, true = run.alpha[sent, None], known.alpha[:, None]
         try:
             start = begins(times[sent], stamps, measured, true) if start_s is None else start_s
