@@ -119,8 +119,9 @@ def held(run: Run) -> list[tuple[str, str]]:
     if any(m.warning is not None for m in run.measurements):
         rows.append(("early warnings", _counted([warning["onset_s"] for warning in run.about["warnings"]])))
     elif run.time is not None and estimate is not None and estimate["status"] == "ok":
-        without = "none: they need rope lengths, and --live too if --imu or --plc measures the motion"
-        rows.append(("early warnings", without))
+        known = np.isfinite(run.rope_length).any()
+        without = "--live, because --imu or --plc measures the motion" if known else "rope lengths"
+        rows.append(("early warnings", f"none: they need {without}"))
     if "faults" in run.about:
         faults = run.about["faults"]
         rows.append(("faults", str(len(faults))))
