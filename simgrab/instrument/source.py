@@ -211,7 +211,9 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
                 problem = f"an image of {given[0]}x{given[1]} px, but the camera file states {size[0]}x{size[1]} px"
                 if not seen:
                     named = f"{frame.name} is {problem}" if frame.name else problem
-                    raise SourceError(f"{named}: they do not match" + (f" ({frame.note})" if frame.note else ""))
+                    note = f" ({frame.note})" if frame.note else ""
+                    cure = f"; of the same view, simgrab.calibration.load(FILE).scaled{given} is the camera"
+                    raise SourceError(f"{named}: they do not match{note}{cure}")
                 frame = Frame(None, frame.time_s, problem, frame.name)
             seen = True
         yield frame

@@ -91,6 +91,28 @@ class Calibration(Checked, frozen=True):
             Distortion(self.k1, self.k2, self.p1, self.p2, self.k3),
         )
 
+    def scaled(self, width_px: int, height_px: int) -> Calibration:
+        """Return the camera of pictures that show the same at another size, px.
+
+        Raises
+        ------
+        CalibrationError
+            If their shape is another one.
+        LayoutError
+            If the display's characters would be too small to read.
+        """
+        scale = width_px / self.width_px
+        if abs(self.height_px * scale - height_px) > 1:
+            raise CalibrationError(
+                f"pictures of {width_px}x{height_px} px have another shape than {self.width_px}x{self.height_px} px"
+            )
+        layout = self.digit_layout
+        return msgspec.structs.replace(
+            self, width_px=width_px, height_px=height_px, focal_length_px=self.focal_length_px * scale,
+            cx_px=self.cx_px * scale, cy_px=self.cy_px * scale,
+            digit_layout=None if layout is None else layout.scaled(width_px, height_px),
+        )  # fmt: skip
+
     def to_toml(self) -> str:
         """Return the camera TOML."""
         data = msgspec.to_builtins(self)

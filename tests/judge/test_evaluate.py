@@ -162,6 +162,30 @@ def test_a_copy_of_a_video_is_compared_by_time(kept, grid_s, swinging, tmp_path)
     assert truths.of(made, swinging / "swing.mp4", begin).rows == known.rows
 
 
+@pytest.mark.parametrize("kept", [slice(None), slice(17, 47)])
+def test_a_copy_of_another_size_is_compared_in_its_own_pixels(swinging, tmp_path, kept):
+    whole = measured(swinging, tmp_path / "film", of="swing.mp4", shift_px=4.0)
+    time, some = whole.time[kept] - whole.time[kept][0], whole.measurements[kept]
+    whole = dataclasses.replace(whole, time=time, names=whole.names[kept], measurements=some)
+
+    def reduced(values):
+        return values and tuple(0.75 * value for value in values)
+
+    fewer_px = tuple(
+        msgspec.structs.replace(m, box=reduced(m.box), centre=reduced(m.centre), centre_sd=reduced(m.centre_sd))
+        for m in some
+    )
+    small = dataclasses.replace(whole, calibration=whole.calibration.scaled(480, 270), measurements=fewer_px)
+    before, found = (evaluate(one, swinging / "swing.mp4") for one in (whole, small))
+    assert found["angle"] == before["angle"]
+    assert found["detection"]["map50_95"] == before["detection"]["map50_95"]
+    for stage in ("median_px", "p95_px"):
+        assert found["detection"]["centre"][stage] == pytest.approx(0.75 * before["detection"]["centre"][stage])
+    for row, was in zip(found["budget"]["chain"], before["budget"]["chain"], strict=True):
+        assert row["rmse_deg"] == pytest.approx(was["rmse_deg"], abs=1e-3)
+    assert "0.75 times as wide" in found["run"]["matched"]
+
+
 def test_a_part_of_angles_alone_is_found_by_them(swinging, tmp_path):
     whole = measured(swinging, tmp_path / "film", of="swing.mp4")
     known = truths.of(whole, swinging / "swing.mp4").alpha
@@ -191,7 +215,7 @@ def test_a_cut_that_fits_anywhere_is_refused(clean, swinging, tmp_path):
 
 
 def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_path):
-    small = msgspec.structs.replace(clean.calibration, width_px=320, height_px=180)
+    small = msgspec.structs.replace(clean.calibration, width_px=320, height_px=200)
     smaller = dataclasses.replace(clean, calibration=small)
     with pytest.raises(RunError, match="none of the frames"):
         truths.of(dataclasses.replace(clean, names=("elsewhere.jpg",) * 60), swinging / "data")
@@ -201,7 +225,7 @@ def test_what_does_not_belong_together_is_refused(clean, swinging, dataset, tmp_
         truths.of(clean, dataset)
     with pytest.raises(RunError, match="its labels differ"):
         truths.of(dataclasses.replace(clean, about=clean.about | {"labels_sha256": "of another"}), swinging / "data")
-    with pytest.raises(RunError, match="the run's are 320x180"):
+    with pytest.raises(RunError, match="the run's are 320x200"):
         truths.of(smaller, swinging / "data")
     strange = dataclasses.replace(clean, names=(*clean.names[:-1], "elsewhere.jpg"))
     with pytest.raises(RunError, match=r"lacks 1 of the run.s 60 frames, such as .*elsewhere\.jpg"):

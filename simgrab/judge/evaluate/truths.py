@@ -105,20 +105,14 @@ def of(run: Run, known: str | Path, start_s: float | None = None) -> Truths:
     found = _of_dataset(run, path) if path.is_dir() else _of_video(run, path.with_suffix(".parquet"), start_s)
     if not any(row is not None for row in found.rows):
         raise RunError(f"{known}: contains none of the frames of the run on {run.source}")
-    first = next(row for row in found.rows if row is not None)
-    camera = run.calibration
-    if (first.width_px, first.height_px) != (camera.width_px, camera.height_px):
-        raise RunError(
-            f"{known}: pictures of {first.width_px}x{first.height_px} px; the run's are {camera.width_px}x"
-            f"{camera.height_px}"
-        )
     return found
 
 
 def _of_dataset(run: Run, path: Path) -> Truths:
     dataset = datasets.read(path)
     at = match_names(run, [row.file for row in dataset.rows], dataset.data.labels_sha256, path)
-    rows = tuple(None if i is None else dataset.rows[i] for i in at)
+    scale = _scale(dataset.rows[0], run, path)
+    rows = tuple(None if i is None else _scaled(dataset.rows[i], scale) for i in at)
     weather = tuple("" if row is None else dataset.weather(row) for row in rows)
     return Truths(rows, weather, dataset.least_visible_fraction)
 
@@ -170,6 +164,8 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
         raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
     if run.time is None:
         raise RunError(f"{path} belongs to a video, but the run on {run.source} has independent frames")
+    scale = _scale(table[0], run, path)
+    table = [_scaled(row, scale) for row in table]
     sent = np.array([m.status != "lost" for m in run.measurements], bool)
     times, start, reach = run.time, float(stamps[0]), SAME_S
     exact = bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S)[sent].all())
@@ -194,11 +190,35 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
     if reach > SAME_S or times[-1] < stamps[-1] - SAME_S:
         end = times[-1] + start
         matched = f"Frames are matched by time: the run covers {start:.2f} to {end:.2f} s of {stamps[-1]:.2f} s."
+    if scale != 1:
+        matched += f" Its pictures are {scale:.4g} times as wide as those of the truth; px are its own."
     at = nearest(times + start, stamps)
     near = np.abs(stamps[at] - times - start) < reach
     rows = tuple(table[k] if known and was_sent else None for k, known, was_sent in zip(at, near, sent, strict=True))
     weather = tuple("" if row is None else scenario.name for row in rows)
-    return Truths(rows, weather, scenario.labels.least_visible_fraction, matched)
+    return Truths(rows, weather, scenario.labels.least_visible_fraction, matched.strip())
+
+
+def _scale(row: Row, run: Run, path: Path) -> float:
+    """By how much the run's pictures are larger than those of the truth, of which they may be copies."""
+    camera = run.calibration
+    scale = camera.width_px / row.width_px
+    if abs(row.height_px * scale - camera.height_px) > 1:
+        raise RunError(
+            f"{path}: pictures of {row.width_px}x{row.height_px} px; the run's are {camera.width_px}x{camera.height_px}"
+        )
+    return scale
+
+
+def _scaled(row: Row, scale: float) -> Row:
+    """Labels of a picture that shows the same at another size."""
+    if scale == 1:
+        return row
+    px = {name: scale * v for name in row.__struct_fields__ if name.endswith("_px") and (v := getattr(row, name))}
+    px["keypoints"] = (np.reshape(row.keypoints, (-1, 3)) * [scale, scale, 1]).ravel().tolist()
+    if row.oriented_box is not None:
+        px["oriented_box"] = [scale * v for v in row.oriented_box]
+    return msgspec.structs.replace(row, **px)
 
 
 def _signs(pixels: Array, texts: Sequence[str | None]) -> Array:
