@@ -177,7 +177,7 @@ def table(run: Run) -> pa.Table:
     names = ["frame", "time_s", "file", *_row(Measurement(status="lost", reason="-"))]
     kinds = {"frame": pa.int64(), "file": pa.string()} | dict.fromkeys(_TEXT, pa.string())
     schema = pa.schema([pa.field(name, kinds.get(name, pa.float64())) for name in names])
-    plain, parts = rows(run), list[pa.Table]()
+    plain, parts = rows(run), [schema.empty_table()]
     while part := list(itertools.islice(plain, _AT_ONCE)):
         parts.append(pa.Table.from_pylist(part, schema=schema))
     return pa.concat_tables(parts).combine_chunks()
