@@ -78,6 +78,21 @@ def test_values_become_what_they_are_from_a_file():
         Outer(pair=np.array([1.0, np.nan]))
 
 
+LOOP = {}
+LOOP["again"] = LOOP
+
+
+def test_a_camera_of_pictures_at_another_size_sees_the_same():
+    for width, height in (
+        (2 * CAMERA.width_px, 2 * CAMERA.height_px),
+        (1000, round(1000 * CAMERA.height_px / CAMERA.width_px)),
+    ):
+        other = CAMERA.scaled(width, height)
+        ends = np.array([[0, 0], [1, 1], [0.3, 0.8]])
+        rays, others = (c.intrinsics.rays(ends * [c.width_px, c.width_px * 0.5625]) for c in (CAMERA, other))
+        np.testing.assert_allclose(rays, others, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("make", "error", "key"),
     [
@@ -90,6 +105,9 @@ def test_values_become_what_they_are_from_a_file():
         (lambda: Uniform(-1e300, 1e300), ScenarioError, "low"),
         (lambda: OneOf(tuple(range(10_001))), ScenarioError, "values"),
         (lambda: OneOf((object(),)), ScenarioError, "values.0: <object"),
+        (lambda: OneOf((LOOP,)), ScenarioError, "nested deeper than 64"),
+        (lambda: CAMERA.scaled(CAMERA.width_px, CAMERA.height_px + 1), CalibrationError, "another shape"),
+        (lambda: CAMERA.scaled(2 * CAMERA.width_px, CAMERA.height_px), CalibrationError, "another shape"),
         (lambda: OneOf(("\udcff",)), ScenarioError, "values.0: must be UTF-8"),
         (lambda: msgspec.structs.replace(CAMERA, focal_length_px=math.inf), CalibrationError, "focal_length_px"),
         (lambda: msgspec.structs.replace(LAYOUT, width_px=100), LayoutError, "outside the picture"),

@@ -69,14 +69,16 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
     licence = "The pictures are rendered from textures and shapes of simgrab, which are licensed under Apache-2.0."
     if own_files:
         licence += f" They also show {markdown(', '.join(own_files))}, whose licence is not known."
+    varied = any(key.startswith("camera") for keys in scenario.vary for key in keys.split("+"))
+    camera = "the camera before it varies: that of a frame is in its row" if varied else "the camera's calibration"
     body = [
         f"# {scenario.name}", markdown(scenario.description),
         "Pictures of a swinging crane grab with exact labels, rendered by [simgrab](https://github.com/simgrab/simgrab).",
         f"![Some frames with their labels]({SHEET})",
         "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in facts.items())]),
         "## How to load", loading, *yolo.stand_ins(counts, layout),
-        f"`{table}` has a row for each frame; its metadata describes the columns. `camera.toml` is the camera's "
-        "calibration. `simgrab render manifest.json` renders the scene again.",
+        f"`{table}` has a row for each frame; its metadata describes the columns. `camera.toml` is {camera}. "
+        "`simgrab render manifest.json` renders the scene again.",
         "## Licence", licence,
     ]  # fmt: skip
     return "\n".join(["---", *head, "---", "", "\n\n".join(filter(None, body)), ""]).encode()

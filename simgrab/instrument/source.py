@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import TypeAlias
 from urllib.parse import urlsplit
 
-from simgrab.errors import PictureError, SimgrabError, SourceError, first_line
+from simgrab.errors import CalibrationError, LayoutError, PictureError, SimgrabError, SourceError, first_line
 from simgrab.instrument.contract import Frame
 from simgrab.instrument.video import UNTIMED_HZ, Stream, Video
 from simgrab.io import pictures
@@ -212,7 +213,10 @@ def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame
                 if not seen:
                     named = f"{frame.name} is {problem}" if frame.name else problem
                     note = f" ({frame.note})" if frame.note else ""
-                    cure = f"; of the same view, simgrab.calibration.load(FILE).scaled{given} is the camera"
+                    cure = ""
+                    with contextlib.suppress(CalibrationError, LayoutError):
+                        calibration.scaled(*given)
+                        cure = f"; if the view is the same, simgrab.calibration.load(FILE).scaled{given} is the camera"
                     raise SourceError(f"{named}: they do not match{note}{cure}")
                 frame = Frame(None, frame.time_s, problem, frame.name)
             seen = True

@@ -98,12 +98,10 @@ def _fit(struct: Checked) -> None:
     fields = _fields(type(struct))
     if not fields:
         return
-    fitted = _converted(
-        without_numpy({name: getattr(struct, name) for name in fields}),
-        type(struct),
-        _shadow(type(struct)),
-        struct.error,
-    )
+    plain = {name: getattr(struct, name) for name in fields}
+    if misfit := find_misfit(plain):  # before `without_numpy`, whose depth has no limit
+        raise _refusal(struct.error, *misfit)
+    fitted = _converted(without_numpy(plain), type(struct), _shadow(type(struct)), struct.error)
     for name in fields:
         value = getattr(fitted, name)
         if value is not getattr(struct, name):

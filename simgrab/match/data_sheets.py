@@ -113,6 +113,8 @@ def brown(width_px: int, height_px: int, f_px: float, c: float) -> tuple[float, 
     import numpy as np
     from scipy.optimize import linprog
 
+    from simgrab.model.geometry import Distortion
+
     edge, corner = width_px / 2 / f_px, 1.03 * math.hypot(width_px, height_px) / 2 / f_px
     across, most = _tangent(edge, c), 1.02 * _tangent(corner, c)
     t = np.linspace(0, most, 61)[1:]
@@ -131,6 +133,9 @@ def brown(width_px: int, height_px: int, f_px: float, c: float) -> tuple[float, 
     if not solved.success:
         raise ValueError(_TOO_WIDE)
     k1, k2, k3 = (round(float(k), 6) for k in solved.x[:3])
+    ends = np.outer([1, 1.011], [width_px, height_px]) / 2 / f_px  # of focal lengths down to 99 %, too
+    if np.isnan(Distortion(k1, k2, k3=k3).remove(ends)).any():
+        raise ValueError(_TOO_WIDE)
     return k1, k2, k3
 
 

@@ -102,7 +102,7 @@ class Calibration(Checked, frozen=True):
             If the display's characters would be too small to read.
         """
         scale = width_px / self.width_px
-        if abs(self.height_px * scale - height_px) > 1:
+        if abs(self.height_px * scale - height_px) > (scale != 1):  # which may be rounded
             raise CalibrationError(
                 f"pictures of {width_px}x{height_px} px have another shape than {self.width_px}x{self.height_px} px"
             )
@@ -118,9 +118,9 @@ class Calibration(Checked, frozen=True):
         data = msgspec.to_builtins(self)
         return tomli_w.dumps({key: value for key, value in data.items() if value not in (None, [], (), "")})
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write a camera TOML."""
-        path.write_text(self.to_toml(), encoding="utf-8")
+        Path(path).write_text(self.to_toml(), encoding="utf-8")
 
 
 def load(path: str | Path) -> Calibration:

@@ -56,7 +56,7 @@ def test_a_mistake_that_alone_explains_it_is_named(mount, seed, mistake, named):
     if seed == 102:
         assert doubt(estimator, record, camera, REFUSED) == said.partition(": ")[2]
         coarse = replace(estimator, controller=replace(estimator.controller, slew_sd=0.2 * np.pi / 180))
-        assert "its readings are 9 cm off each, by resolution and jitter_s" in doubt(coarse, record, camera, REFUSED)
+        assert "put them 9 cm off each" in doubt(coarse, record, camera, REFUSED)
 
 
 def test_errors_of_pixels_that_last_and_are_not_stated_are_no_contradiction():

@@ -131,7 +131,7 @@ def test_published_stands_beside_measured(found):
     warned = result.about | {"warnings": [{"onset_s": second + 0.04} for second in range(1, 9)]}
     many = dict(held(dataclasses.replace(result, about=warned)))
     assert many["early warnings"] == "8, at 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, … s"
-    for missing, needed in (({}, "--live, because"), ({"rope_length_m": None}, "rope lengths")):
+    for missing, needed in (({}, "more than a second, and --live if"), ({"rope_length_m": None}, "rope lengths")):
         none = [msgspec.structs.replace(m, warning=None, **missing) for m in result.measurements]
         silent = dict(held(dataclasses.replace(result, measurements=none)))
         assert silent["early warnings"].startswith(f"none: they need {needed}")

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -51,6 +52,15 @@ def test_a_saved_run_is_read_back(made, folder):
     for one, other in zip(runs.rows(again), runs.rows(made), strict=True):
         assert one == pytest.approx(other)
     assert again.about == json.loads(json.dumps(made.about))
+
+
+@pytest.mark.parametrize("frames", [0, 1, 1024, 1025])
+def test_a_table_has_a_row_for_each_frame(made, frames):
+    nothing = Measurement(status="missed", reason="-")
+    names = tuple(map(str, range(frames)))
+    table = runs.table(dataclasses.replace(made, time=None, names=names, measurements=(nothing,) * frames))
+    assert table["file"].to_pylist() == list(names)
+    assert table.schema == runs.table(made).schema
 
 
 @pytest.mark.parametrize(

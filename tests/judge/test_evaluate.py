@@ -30,6 +30,7 @@ from simgrab.instrument.run.run import RunOptions, run
 from simgrab.judge.check import metrics
 from simgrab.judge.check.trial import flat
 from simgrab.judge.evaluate import budget, swings, truths, warnings
+from simgrab.judge.evaluate.alignment import begins
 from simgrab.judge.evaluate.budget import CHAIN
 from simgrab.judge.evaluate.evaluation import evaluate
 from simgrab.judge.evaluate.page import page
@@ -202,6 +203,21 @@ def test_a_part_of_angles_alone_is_found_by_them(swinging, tmp_path):
     np.testing.assert_array_equal(truths.of(constant, swinging / "swing.mp4").alpha, known)  # its times are the video's
     with pytest.raises(RunError, match="state it by --start"):
         truths.of(dataclasses.replace(part, measurements=tuple(same[17:47])), swinging / "swing.mp4")
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.2])
+@pytest.mark.parametrize("first", [0, 30])
+def test_angles_alone_find_where_they_begin_or_nothing(first, noise):
+    """The times of a cut are those of the video's first frames."""
+    stamps, rng = np.arange(180) / 9, np.random.default_rng(0)
+    true = np.abs(0.14 * np.exp(-stamps / 30) * np.sin(2 * np.pi * stamps / 8.3 + 0.4))
+    measured = true[first : first + 90] + rng.normal(0, noise, 90)
+    if noise < 0.1:
+        start = begins(stamps[:90], stamps, measured[:, None], true[:, None], alone=True)
+        assert start == pytest.approx(stamps[first], abs=1 / 9)
+    else:
+        with pytest.raises(RunError, match="hardly better"):
+            begins(stamps[:90], stamps, measured[:, None], true[:, None], alone=True)
 
 
 def test_a_cut_that_fits_anywhere_is_refused(clean, swinging, tmp_path):

@@ -106,7 +106,11 @@ def test_a_tilt_that_is_left_out_or_wrong_is_named():
     deg = np.rad2deg(np.linalg.norm(axis))
     for lean, text in (
         (-axis, f"is {deg:.2f}° wrong, as if the tilt of {deg:.1f}° were left out"),
-        (-2 * axis, f"is {2 * deg:.2f}° wrong, as if the tilt of {deg:.1f}° had the opposite sign"),
+        (
+            -2 * axis,
+            f"is {2 * deg:.2f}° wrong, as if the tilt of {deg:.1f}° had the opposite sign, or if top and bottom of the "
+            "image were exchanged",
+        ),
         (0.5 * axis, f"is {deg / 2:.2f}° wrong, {1.5 * deg:.1f}° with an azimuth of 0° in place of {deg:.1f}° with 0°"),
     ):
         assert named(leaning(rows, lean=lean), true, rows) == f"The angles are as with a camera tilt that {text}"
@@ -132,8 +136,9 @@ def test_an_offset_that_is_left_out_or_mirrored_is_named(follows, factor, what):
     by = (factor - 1) * offset / ropes(rows)
     lean = -by.mean(axis=0) if follows else np.zeros(2)  # of the tilt that is estimated from the same record
     across = np.linalg.norm(offset[0])
+    alike = ", or if left and right of the image were exchanged" * (factor < 0 and not follows)
     assert named(leaning(rows, lean=lean, shift=by), true, rows, 0.05) == (
-        f"The angles are as if the camera's horizontal offset of {across:.2f} m were {what}"
+        f"The angles are as if the camera's horizontal offset of {across:.2f} m were {what}{alike}"
     )
 
 
@@ -206,11 +211,22 @@ def test_a_wrong_roll_is_named(scene, roll, used, text):
     assert "roll" not in getattr(likely(measured, true, rows, None), "text", "")
 
 
-@pytest.mark.parametrize("whole", [True, False])  # pixels, or what lies about the principal point
+@pytest.mark.parametrize(
+    ("what", "exchange"),
+    [
+        ("x and y of the image were exchanged", lambda pixel, middle: pixel[::-1] - middle),
+        ("x and y of the image were exchanged", lambda pixel, middle: (pixel - middle)[::-1]),
+        ("left and right of the image were exchanged", lambda pixel, middle: (pixel - middle) * [-1, 1]),
+        ("top and bottom of the image were exchanged", lambda pixel, middle: (pixel - middle) * [1, -1]),
+        ("the image were turned upside down", lambda pixel, middle: middle - pixel),
+    ],
+    ids=["x and y", "about the principal point", "left and right", "top and bottom", "upside down"],
+)
 @pytest.mark.parametrize(("tilt", "offset"), [(True, True), (False, True), (True, False), (False, False)])
-def test_an_exchange_of_x_and_y_is_named(whole, tilt, offset):
+def test_an_exchange_of_axes_or_sides_is_named(what, exchange, tilt, offset, request):
     changes = {
         "camera.offset_x_m": 1.2,
+        "camera.offset_y_m": 0.5,
         "camera.roll_deg": 3.0,
         "camera.beta_deg": 4.0,
         "camera.tilt_azimuth_deg": 20.0,
@@ -218,21 +234,22 @@ def test_an_exchange_of_x_and_y_is_named(whole, tilt, offset):
     rows, true = rows_of(scenes.load("calm-day", changes | {"frames": 40}))
     measured = []
     for row in rows:
-        pixel = np.array([row.ideal_v_px, row.ideal_u_px])
-        middle = np.array([row.cx_px, row.cy_px])
-        x, y = (pixel - (middle if whole else middle[::-1])) / row.fx_px
+        pixel, middle = np.array([row.ideal_u_px, row.ideal_v_px]), np.array([row.cx_px, row.cy_px])
+        x, y = exchange(pixel, middle) / row.fx_px
         camera = np.reshape(row.jib_from_camera, (3, 4))
         rotation = camera[:, :3] if tilt else camera_rotation(0.0, 0.0, np.radians(3.0))
         rope = np.linalg.norm(np.reshape(row.jib_from_grab, (3, 4))[:, 3])
         place = camera[:, 3] if offset else np.zeros(3)
         measured.append(swing_of(on_ropes(place[None], (rotation @ [x, y, 1.0])[None], rope))[0][0])
     out = " and the ".join(["tilt"] * (not tilt) + ["offset"] * (not offset))
-    text = f"The angles are as if x and y of the image were exchanged{out and f', and the {out} left out'}"
+    text = f"if {what}{out and f', and the {out} left out'}"
     found = getattr(likely(np.array(measured), true, rows, None), "text", "")
-    if whole or tilt or offset:
-        assert re.match(f"{text}(, or .*)?$", found)
+    if tilt or offset or request.node.callspec.id.endswith("-x and y"):
+        first = "The angles are as " if "x and y" in what else ".*(as|, or) "  # sides look like others
+        assert re.match(f"{first}{text}(, or .*)?$", found)
     else:  # of a camera that hangs level in the rope's exit, nothing changes
         assert "exchanged" not in found
+        assert "upside" not in found
 
 
 def test_on_a_rope_of_constant_length_any_offset_and_a_tilt_are_named_together():

@@ -255,6 +255,7 @@ def test_the_card_names_the_files_of_each_split(source, exported):
         assert f"| without a visible grab | {len(source) - boxes - hidden} |" in body
         assert f"| of a grab too hidden for a box | {hidden} |" in body
         assert f"]({preview.NAME})" in body
+        assert ("the camera before it varies" in body) == any("camera" in key for key in source.scenario.vary)
         assert (exported / name / preview.NAME).exists()
         for config in known.get("configs", []):
             assert [part["split"] for part in config["data_files"]] == [HF_SPLITS[split] for split in source.splits]

@@ -16,6 +16,7 @@ from simgrab.model.records.estimates import Estimate
 
 STATED = "as stated"
 CHECKS = "are slew (unit, clockwise), radius or luff, offset_m, the rope's length and time.start right?"
+SELDOM_S = 0.15  # between readings: hard brakes last hardly a second
 COARSE_M = 0.02  # standard deviation of O's place by a reading: beyond it, right data too may not follow
 # Beside the reported motion a fit to right data needs, in winds up to 14 m/s, a tenth of this white acceleration,
 # m²/s³, and two thirds of this slow forcing, rad; the camera's share of apparent gravity is within 0.05 of 0 to 1.
@@ -79,15 +80,18 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
 
 
 def _checks(controller: Controller) -> str:
-    """Say what to check of a controller's description, and that its readings are coarse where they are."""
+    """Say what to check of a controller's description, and that its readings are few or coarse where they are."""
     radius_m = RADIUS_M if controller.radius is None else float(np.nanmean(controller.radius))
     off_m = max(controller.slew_sd * radius_m, controller.radius_sd)
-    if off_m < COARSE_M:
-        return CHECKS
-    return (
-        f"its readings are {100 * off_m:.0f} cm off each, by resolution and jitter_s, which is 0.29 of a period unless "
-        f"stated: more of them, or a lower jitter_s if that is so, may follow; else {CHECKS}"
-    )
+    every_s = float(np.median(np.diff(controller.time)))
+    doubts = []
+    if every_s > SELDOM_S:
+        doubts.append(f"readings every {every_s:.2g} s may be too few where drives brake hard")
+    if off_m > COARSE_M:
+        doubts.append(
+            f"resolution and jitter_s (0.29 of a period unless stated) put them {100 * off_m:.0f} cm off each"
+        )
+    return f"{'; '.join(doubts)}; else {CHECKS}" if doubts else CHECKS
 
 
 def follows(found: Estimate) -> bool:

@@ -139,10 +139,9 @@ def _why(step: int, argument: float, beta: float, kurtosis: float) -> str:
     text = f"step {step} of (est-3) asks for arccos(1 + {argument - 1:.2g}): "
     if beta == 0:
         return text + f"the kurtosis of the ray angles is {kurtosis:.3g}, and from start 0 it must be below 3"
-    return (
-        text
-        + f"{'the start' if step == 1 else 'the last β'}, {math.degrees(beta):.3g} deg, is more than twice the tilt"
-    )
+    too_large = f", or the kurtosis of the ray angles, {kurtosis:.3g}, too large" if kurtosis > 3 else ""
+    where = f"{'the start' if step == 1 else 'the last β'}, {math.degrees(beta):.3g} deg"
+    return f"{text}{where}, is more than twice the tilt{too_large}"
 
 
 def _median_influence(frames: Frames, direction: Array) -> NDArray[np.float64]:

@@ -247,7 +247,7 @@ def load(path: str | Path) -> Run:
     """
     path = Path(path)
     if not path.is_dir():
-        raise RunError(f"{path}: not a run of simgrab: a run is a folder")
+        raise RunError(f"{path}: {'not a run of simgrab: a run is a folder' if path.exists() else 'does not exist'}")
     if not os.path.lexists(path / TABLE):
         raise RunError(f"{path}: not a run of simgrab: it has no {TABLE}")
     plain = parquet.rows(parquet.read_table(path / TABLE, RunError), RunError, cannot(path / TABLE))

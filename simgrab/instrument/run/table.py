@@ -120,7 +120,7 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows.append(("early warnings", _counted([warning["onset_s"] for warning in run.about["warnings"]])))
     elif run.time is not None and estimate is not None and estimate["status"] == "ok":
         known = np.isfinite(run.rope_length).any()
-        without = "--live, because --imu or --plc measures the motion" if known else "rope lengths"
+        without = "more than a second, and --live if --imu or --plc measures the motion" if known else "rope lengths"
         rows.append(("early warnings", f"none: they need {without}"))
     if "faults" in run.about:
         faults = run.about["faults"]

@@ -23,6 +23,7 @@ LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing s
 LEAST_ROLL = math.radians(1.0)  # below which a roll is not named
 MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
 EXACT = 0.1  # of the errors, which an exchange of axes must leave at most: there are several to choose from
+AXES = "x and y of the image were exchanged"
 NOTHING = 1e-6  # rad, below which errors are rounding
 LEAST_SHARE = 0.01  # of the errors, below which it does not matter which explanation leaves less
 ROPE_SHARE = 0.25  # of the lengths' error, which a factor, a constant or a delay must leave at most
@@ -125,14 +126,20 @@ def _of_geometry(
     tilt = fits.tilt
     (factor,), left = fits.fit(lambda x: np.arctan(x[0] * np.tan(true)), 1.0)
     of_lens = fits.factor(_level(grab - camera.translation) - axis, lens)
-    focal = min(of_lens, Mistake(lens(factor), left, 1), key=lambda one: one.rms)
+    of_angle = Mistake(lens(factor), left, 1)
+    focal = min(of_lens, of_angle, key=lambda one: one.rms)
+    if focal.text and not focal.of_tilt and of_angle.rms < EXACT * Mistake("", measured - true).rms:
+        focal = focal._replace(text=f"{focal.text}, or if multiplied by {factor:.2f}")
     shift = _of_offset(fits, offset, per_m, rope_known=rope_known)
     poses = [tilt, shift] if shift.any_offset else [shift, tilt]
+    exchange = _exchanged(measured, camera, rows, grab)
+    of_axes = AXES in exchange.text
+    poses = poses if of_axes else [*poses, exchange]
     rolls = np.radians([row.roll_deg for row in rows])
     turn = fits.roll(float(rolls[0]))
     if np.abs(wrap(rolls - rolls[0])).max() < LEAST_ROLL:
         poses = [turn, *poses] if turn.text.startswith("if ") else [*poses, turn]
-    poses = [_exchanged(measured, camera, rows, grab), *poses]
+    poses = [exchange, *poses] if of_axes else poses
     most = CLEARLY * max(min(one.rms for one in poses), least)
     alike = [one for one in poses if one.rms < most]  # as on a rope of constant length
     if any(one is turn for one in alike) and shift.fitted > 2:  # a tilt beside an offset explains much
@@ -148,7 +155,7 @@ def _of_geometry(
 
 
 def _exchanged(measured: Array, camera: Pose, rows: Sequence[Row], grab: Array) -> Mistake:
-    """Explain by an exchange of x and y of the image, or of x and y about the principal point.
+    """Explain by an exchange of x and y of the image or about the principal point, or of its sides.
 
     The tilt and the offset are applied, or left out as well.
     """
@@ -156,17 +163,25 @@ def _exchanged(measured: Array, camera: Pose, rows: Sequence[Row], grab: Array) 
     x, y = (local[:, :2] / local[:, 2:]).T
     rope, level = np.linalg.norm(grab, axis=1), camera_rotation(0.0, 0.0, np.radians([row.roll_deg for row in rows]))
     by = (rows[0].cx_px - rows[0].cy_px) / rows[0].fx_px
+    exchanges = (
+        (AXES, ((y, x), (y - by, x + by))),
+        ("left and right of the image were exchanged", ((-x, y),)),
+        ("top and bottom of the image were exchanged", ((x, -y),)),
+        ("the image were turned upside down", ((-x, -y),)),
+    )
     found, whole = [Mistake("", np.full(len(measured), np.nan))], Mistake("", measured - swing_of(grab)[0]).rms
     for rotation, tilt in ((camera.rotation, ""), (level, "tilt")):
         for place, offset in ((camera.translation, ""), (0 * camera.translation, "offset")):
-            right, *exchanged = (
-                measured - swing_of(on_ropes(place, np.einsum("nij,nj->ni", rotation, ray), rope))[0]
-                for ray in (np.column_stack([*of, np.ones(len(rows))]) for of in ((x, y), (y, x), (y - by, x + by)))
-            )
+
+            def left(of: tuple[Array, Array], place: Array = place, rotation: Array = rotation) -> Array:
+                ray = np.column_stack([*of, np.ones(len(rows))])
+                return measured - swing_of(on_ropes(place, np.einsum("nij,nj->ni", rotation, ray), rope))[0]
+
             out = " and the ".join(filter(None, (tilt, offset)))
-            text = f"if x and y of the image were exchanged{f', and the {out} left out' if out else ''}"
-            most = min(Mistake("", right).rms / 2, EXACT * whole)  # where an exchange changes little, it is not named
-            found += [one for left in exchanged if (one := Mistake(text, left)).rms < most]
+            most = min(Mistake("", left((x, y))).rms / 2, EXACT * whole)  # where it changes little, it is not named
+            for what, ways in exchanges:
+                text = f"if {what}{f', and the {out} left out' if out else ''}"
+                found += [one for way in ways if (one := Mistake(text, left(way))).rms < most]
     return min(found, key=lambda one: one.rms)
 
 

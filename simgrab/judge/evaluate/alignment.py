@@ -25,7 +25,7 @@ def nearest(times: Array, stamps: Array) -> NDArray[np.int64]:
     return np.where(np.abs(times - stamps[before]) <= np.abs(stamps[after] - times) + SAME_S, before, after)
 
 
-def begins(times: Array, stamps: Array, measured: Array, true: Array) -> float:
+def begins(times: Array, stamps: Array, measured: Array, true: Array, *, alone: bool = False) -> float:
     """Find the time of the video at which a run begins.
 
     A part that was cut out of a video has times of its own, and coders and resamplers delay pictures. The beginning is
@@ -42,6 +42,9 @@ def begins(times: Array, stamps: Array, measured: Array, true: Array) -> float:
         Positions, px, or other numbers that change with time, in the run's frames; NaN where there are none.
     true : ndarray, shape (m, d)
         The same in the video's frames.
+    alone : bool
+        Whether they are angles alone, which may err more than they change: then the run must lie in the video, and its
+        times say nothing.
 
     Raises
     ------
@@ -50,12 +53,12 @@ def begins(times: Array, stamps: Array, measured: Array, true: Array) -> float:
     """
     step, first = spacing(stamps), float(stamps[0])
     whole = abs(np.ptp(stamps) - np.ptp(times)) < max(spacing(times), step) + _NEAR_S / 2
-    likely = whole or bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S).all())
+    likely = not alone and (whole or bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S).all()))
     known = np.flatnonzero(np.isfinite(measured).all(axis=-1))
     if len(known) < _LEAST:
         if likely:
             return first
-        raise RunError(f"{len(known)} of its frames have a position")
+        raise RunError(f"{len(known)} of its frames have {'an angle' if alone else 'a position'}")
     some = known[:: -(-len(known) // _MOST)]
 
     def fits(starts: Array) -> Array:
@@ -63,6 +66,8 @@ def begins(times: Array, stamps: Array, measured: Array, true: Array) -> float:
 
     delays = np.arange(-_NEAR_S, _NEAR_S, max(step, _LEAST_STEP_S))
     starts = np.unique([*(first + delays), *stamps[stamps <= stamps[-1] - np.ptp(times) + _NEAR_S]])
+    if alone:
+        starts = stamps[stamps <= stamps[-1] - np.ptp(times) + step]
     found = fits(starts)
     near = np.abs(starts - first) < _NEAR_S
     best = int(np.argmin(np.where(near, found, np.inf) if likely else found))
@@ -72,7 +77,8 @@ def begins(times: Array, stamps: Array, measured: Array, true: Array) -> float:
         others = np.where(np.abs(starts - starts[best]) < _NEAR_S, np.inf, found)
         likely = False
     if not likely and not min(others.min(), _spread(measured[some])) > found[best] * _CLEARLY:
-        raise RunError(f"its positions follow those from {starts[best]:.2f} s on hardly better than others")
+        what = "angles" if alone else "positions"
+        raise RunError(f"its {what} follow those from {starts[best]:.2f} s on hardly better than others")
     fine = starts[best] + np.arange(-_FINE, _FINE + 1) * step / _FINE
     finest = fits(fine)
     if likely and fits(stamps[:1])[0] <= _BETTER * finest.min():

@@ -176,10 +176,11 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
         if not np.isfinite(measured[:, 2]).mean() > _LEAST_READ:
             measured, true = measured[:, :2], true[:, :2]
         part = bool(sent.any()) and np.ptp(times[sent]) < np.ptp(stamps) - 2 * spacing(stamps)
-        if part and not np.isfinite(measured).all(axis=1).any():  # angles alone
+        alone = part and not np.isfinite(measured).all(axis=1).any()
+        if alone:
             measured, true = run.alpha[sent, None], known.alpha[:, None]
         try:
-            start = begins(times[sent], stamps, measured, true) if start_s is None else start_s
+            start = begins(times[sent], stamps, measured, true, alone=alone) if start_s is None else start_s
         except RunError as problem:
             raise RunError(
                 f"{path}: cannot tell where in its video the run on {run.source} begins: {problem}; state it by --start"
@@ -191,7 +192,9 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
         end = times[-1] + start
         matched = f"Frames are matched by time: the run covers {start:.2f} to {end:.2f} s of {stamps[-1]:.2f} s."
     if scale != 1:
-        matched += f" Its pictures are {scale:.4g} times as wide as those of the truth; px are its own."
+        matched += (
+            f" Its pictures are {scale:.4g} times as wide as those of the truth; figures in px are of its pictures."
+        )
     at = nearest(times + start, stamps)
     near = np.abs(stamps[at] - times - start) < reach
     rows = tuple(table[k] if known and was_sent else None for k, known, was_sent in zip(at, near, sent, strict=True))
@@ -203,7 +206,7 @@ def _scale(row: Row, run: Run, path: Path) -> float:
     """By how much the run's pictures are larger than those of the truth, of which they may be copies."""
     camera = run.calibration
     scale = camera.width_px / row.width_px
-    if abs(row.height_px * scale - camera.height_px) > 1:
+    if abs(row.height_px * scale - camera.height_px) > (scale != 1):  # a copy's height is rounded
         raise RunError(
             f"{path}: pictures of {row.width_px}x{row.height_px} px; the run's are {camera.width_px}x{camera.height_px}"
         )

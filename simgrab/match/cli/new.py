@@ -431,7 +431,9 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     x, y, z = offset = answers.get("offset", _numbers(-3, 3, 3))
     around = _around(answers, offset)
     tilts = answers.get("tilt", _numbers(0, 28, *((1,) if fixed else (1, 2))))
-    tilt, lean = sum(tilts) / len(tilts), abs(tilts[-1] - tilts[0]) / 2 if len(tilts) > 1 else 2
+    tilt, lean = sum(tilts) / len(tilts), (tilts[-1] - tilts[0]) / 2 if len(tilts) > 1 else 2
+    if lean <= 0:
+        raise _refusal("tilt", f"the second must be above the first, got {tilts[0]:g} and {tilts[1]:g}")
     (head,) = answers.get("height", _numbers(*HEADS_M))
     short, long = answers.get("ropes", _numbers(6, 45, 2))
     if short >= long:
@@ -487,8 +489,9 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         assume("the tilt leans outboard, and roll is 0; tilt_azimuth_deg and roll_deg in [camera] set it")
     else:
         assume(
-            f"within: {lean:g} degrees of the tilt, in any direction, 3 of roll, {around:g} m of the offset, 1 % of "
-            f"the focal length, 0.5 m of the height{', 10 % of the volume' if volume else ''}; [vary] sets them"
+            f"within: {'' if len(tilts) > 1 else '2 degrees of '}the tilt, in any direction, 3 degrees of roll, "
+            f"{around:g} m of the offset, 1 % of the focal length, 0.5 m of the height"
+            f"{', 10 % of the volume' if volume else ''}; [vary] sets them"
         )
     for weather in weathers:
         if keys := WEATHERS[weather][2]:
