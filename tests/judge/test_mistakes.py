@@ -126,6 +126,8 @@ def test_a_tilt_that_is_far_off_is_named_beside_a_focal_length():
     text = named(leaning(rows, -0.03 * (ray[:, :2] - axis), -2 * tilt_of(rows)), true, rows)
     beside = r"of 1\d+ px \(.*\), and with a camera tilt that is 1[12]\.\d\d° wrong, as if .* had the opposite"
     assert re.search(beside, text)
+    other = likely(leaning(rows, -0.2 * (ray[:, :2] - axis), np.radians([0.0, 10.0])), true, rows, None)
+    assert other is None or "and with a camera tilt" not in other.text  # no mount is that far off in no usual way
 
 
 @pytest.mark.parametrize(("factor", "what"), [(0.0, "left out"), (-1.0, "applied with the opposite sign")])

@@ -20,6 +20,7 @@ FOCAL = (0.6, 1.7)  # factors that a focal length explains; one of degrees for r
 NEAR = 0.15  # how far a factor may be from 0 of what is left out, or from -1 of what has the opposite sign
 CLEARLY, AS_GOOD = 1.2, 1.05  # times the next best explanation's error
 LEAST_SWING = 0.2  # of the angle that the offset makes, below which the swing shows no direction
+MOST_TILT = math.radians(8.0)  # by which a tilt is wrong beside something else, if in no usual way
 LEAST_ROLL = math.radians(1.0)  # below which a roll is not named
 MOST_OFFSET_M, SAME_M = 3.0, 0.01  # horizontally; among the frames of one camera
 EXACT = 0.1  # of the errors, which an exchange of axes must leave at most: there are several to choose from
@@ -291,7 +292,9 @@ class _Fits:
         x, left = min(fits, key=lambda fit: float(fit[1] @ fit[1]))
         beside = Mistake(text(x[:k]), left, k + 2)
         if np.linalg.norm(x[k:]) > 2 * np.sqrt(np.mean(np.sum(by(x[:k]) ** 2, axis=1))):
-            beside = Mistake(beside.text and f"{beside.text}, and {self._wrong(x[k:])}", left, k + 2, of_tilt=True)
+            wrong = self._wrong(x[k:])
+            likely = "as if" in wrong or np.linalg.norm(x[k:]) < MOST_TILT
+            beside = Mistake(f"{beside.text}, and {wrong}" * bool(beside.text and likely), left, k + 2, of_tilt=True)
         far = len(self.swing) >= ENOUGH and max(beside.rms, self.least) < self.tilt.rms / CLEARLY**2
         return beside if beside.text and far and AS_GOOD * beside.rms < alone.rms else alone
 
