@@ -6,7 +6,6 @@ import io
 import os
 import signal
 import sys
-import traceback
 import warnings
 from contextlib import suppress
 from typing import NoReturn
@@ -137,12 +136,4 @@ def _line(problem: Exception) -> str | None:
         return f"{where}{problem.strerror or problem}"
     if type(problem).__module__ == "av.error":
         return f"FFmpeg failed: {first_line(problem)}"
-    damaged = _damaged_bytecode(problem)
-    return None if damaged is None else f"{damaged} is damaged, a compiled module of Python: delete it"
-
-
-def _damaged_bytecode(problem: Exception) -> str | None:
-    """Return the compiled module that Python could not read; None if the error is another one."""
-    frames = [frame for frame, _ in traceback.walk_tb(problem.__traceback__)]
-    reads = frames and frames[-1].f_code.co_name == "_compile_bytecode"  # of importlib, as it loads what was compiled
-    return frames[-1].f_locals.get("bytecode_path") if reads else None
+    return None

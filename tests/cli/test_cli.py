@@ -4,7 +4,6 @@ import importlib.util
 import json
 import os
 import platform
-import py_compile
 import resource
 import subprocess
 import sys
@@ -161,16 +160,6 @@ def test_want_of_memory_ends_in_one_line_whatever_the_library(library, ended):
 def test_a_fault_of_simgrab_is_not_taken_for_want_of_memory():
     with pytest.raises(RuntimeError, match="a fault"):
         main(lambda **_: (_ for _ in ()).throw(RuntimeError("a fault")))
-
-
-@pytest.mark.parametrize("left", [20, 40])
-def test_a_damaged_compiled_module_is_named(left, tmp_path, monkeypatch, ended):
-    (tmp_path / f"fine_{left}.py").write_text("import math\n" * 9)
-    compiled = Path(py_compile.compile(str(tmp_path / f"fine_{left}.py")))
-    compiled.write_bytes(compiled.read_bytes()[:left] + bytes(9 if left == 40 else 0))
-    monkeypatch.syspath_prepend(tmp_path)
-    line = f"simgrab: {compiled} is damaged, a compiled module of Python: delete it\n"
-    assert ended(command=lambda **_: importlib.import_module(f"fine_{left}")) == (2, line)
 
 
 @pytest.mark.parametrize(
