@@ -293,8 +293,8 @@ class _Fits:
         beside = Mistake(text(x[:k]), left, k + 2)
         if np.linalg.norm(x[k:]) > 2 * np.sqrt(np.mean(np.sum(by(x[:k]) ** 2, axis=1))):
             wrong = self._wrong(x[k:])
-            likely = "as if" in wrong or np.linalg.norm(x[k:]) < MOST_TILT
-            beside = Mistake(f"{beside.text}, and {wrong}" * bool(beside.text and likely), left, k + 2, of_tilt=True)
+            plausible = "as if" in wrong or np.linalg.norm(x[k:]) < MOST_TILT
+            beside = Mistake(f"{beside.text}, and {wrong}" * bool(beside.text and plausible), left, k + 2, of_tilt=True)
         far = len(self.swing) >= ENOUGH and max(beside.rms, self.least) < self.tilt.rms / CLEARLY**2
         return beside if beside.text and far and AS_GOOD * beside.rms < alone.rms else alone
 
