@@ -250,6 +250,35 @@ def test_frames_are_measured_while_a_part_is_written(tmp_path, monkeypatch):
     assert (tmp_path / "out-2/run.json").exists()
 
 
+def test_an_interrupt_while_a_part_is_waited_for_ends_the_run_with_the_next(tmp_path, monkeypatch):
+    write, further = running._write, threading.Event()
+
+    def waiting(*args, **options):
+        assert further.wait(30)
+        write(*args, **options)
+
+    class Interrupted(running.ThreadPoolExecutor):
+        def submit(self, *args):
+            future = super().submit(*args)
+            whole = future.result
+
+            def result():
+                if not further.is_set():
+                    further.set()
+                    raise KeyboardInterrupt
+                return whole()
+
+            future.result = result
+            return future
+
+    monkeypatch.setattr(running, "_write", waiting)
+    monkeypatch.setattr(running, "ThreadPoolExecutor", Interrupted)
+    run_live(tmp_path, 45)
+    parts = [running.runs.load(tmp_path / name) for name in ("out", "out-2")]
+    np.testing.assert_allclose(np.concatenate([part.time for part in parts]), np.arange(36) / 9, atol=1e-3)
+    assert not list(tmp_path.glob("out-3*"))
+
+
 @pytest.mark.parametrize("frames", [30, 300])
 def test_a_part_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch, frames):
     def full(*_, **__):
