@@ -195,6 +195,9 @@ def test_random_places_vary_as_in_training_around_what_is_stated(grab, tmp_path)
     assert not any("load" in line for line in notices(Recipe(scene)))
     assert "ropes are shortened where the grab would reach the ground" not in out
     assert "shortened" in new(tmp_path / "c.toml", "--place", "random", *given, "--ropes", "20..40")[1]
+    plain, _ = new(tmp_path / "d.toml", "--place", "random", *given[:2])
+    paints = {Recipe(plain).variant(frame).scenario.grab.paint_rgb for frame in range(0, 96, 8)}
+    assert len(paints) > 3
     for clash in (["--motion", "cycles"], ["--fixed"]):
         assert run("new", tmp_path / "b.toml", "--yes", "--place", "random", *clash)[0] == 2
 

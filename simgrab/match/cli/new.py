@@ -65,7 +65,7 @@ ASKED = {
     "up": ("axis of the 3-D model's file that points up: x, y, z, with a sign, or auto, by its format", "auto"),
     "volume": ("volume of the grab, m³", "6"),
     "cargo": (f"cargo of place and grab: {', '.join(CARGOES)}; random places have each", "coal"),
-    "paint": (f"paint of the grab: {', '.join(PAINTS)}", "orange"),
+    "paint": (f"paint of the grab: {', '.join(PAINTS)}; in random places each", "orange"),
     "mount": ("levelled (hangs by gravity), rigid (pitches with the jib) or fixed", "levelled"),
     "light": ("day, night, or both", "day"),
     "weather": (f"one or more of {', '.join(WEATHERS)}", "clear"),
@@ -305,8 +305,8 @@ def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float, 
     return f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um * max(width / wide, height / high), mm
 
 
-def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
-    """Keys of the table of the grab, and its volume where that can vary."""
+def _grab(answers: _Answers, file: Path, *, painted: bool) -> tuple[str, float]:
+    """Keys of the table of the grab, with its paint or without, and its volume where that can vary."""
     from simgrab.judge.own_grab import likely_scale  # imports what renders
     from simgrab.model.scenario.grab import Up
 
@@ -325,7 +325,7 @@ def _grab(answers: _Answers, file: Path) -> tuple[str, float]:
         if known and name in answers:
             raise _refusal(name, f"{grab} is no file of a 3-D model; leave it out")
     paint = ""
-    if known or "paint" in answers:
+    if painted and (known or "paint" in answers):
         (colour,) = answers.get("paint", _one_of(*PAINTS))
         paint = f"\npaint_rgb = {PAINTS[colour]} # {colour}"
     if grab in GRABS[1:]:
@@ -438,7 +438,6 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     short, long = answers.get("ropes", _numbers(6, 45, 2))
     if short >= long:
         raise _refusal("ropes", f"the second must be above the first, got {short:g} and {long:g}")
-    grab, volume = _grab(answers, file)
     lights = answers.get("light", lambda text: _one_of("day", "night", most=2)(text.replace("both", "day,night")))
     weathers = answers.get("weather", _one_of(*WEATHERS, most=5))
     (wind,) = answers.get("wind", _numbers(0, 40))
@@ -452,6 +451,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     anywhere = (not cycles or "place" in answers) and answers.get("place", _one_of("quay", "random")) == ["random"]
     if anywhere and (cycles or fixed):
         raise _refusal("place", f"random places are of independent frames{', which vary: leave out --fixed' * fixed}")
+    grab, volume = _grab(answers, file, painted=not anywhere or "paint" in answers)
     if anywhere and "cargo" in answers:
         raise _refusal("cargo", "random places have cargo of each kind; leave it out, or give --place quay")
     cargo = "" if anywhere else answers.get("cargo", _one_of(*CARGOES))[0]
@@ -512,7 +512,7 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
         "camera.offset_z_m": (z, around, -3, 1),
         "jib.head_height_m": (head, 0.5, *HEADS_M),
     }
-    if anywhere:  # of a grab whose paint shows
+    if anywhere and "paint" in answers:  # which shows
         facts |= {"grab.wear": (0.25, 0.25, 0, 1), "grab.residue": (0.2, 0.2, 0, 1)}
     if volume:
         facts["grab.volume_m3"] = (volume, 0.1 * volume, 3, 20)
