@@ -44,14 +44,14 @@ def shown(text, folder, script=""):
         page.look(1100, 900)
         page.open(path.as_uri())
         page.wait('location.protocol === "file:" && document.readyState === "complete"')
-        told = page.evaluate(_PROBE % script)
+        found = page.evaluate(_PROBE % script)
         assert page.console == []
-    for figure in told["figures"]:
+    for figure in found["figures"]:
         assert figure["whole"]
         assert figure["size"][0] > 300
         assert figure["size"][1] > 80
         assert figure["kind"] == "img" or figure["texts"] > 4
-    assert not told["wide"]
-    assert told["phone"] == []
-    assert told["unnamed"] == []
-    return told
+    assert not found["wide"]
+    assert found["phone"] == []
+    assert found["unnamed"] == []
+    return found

@@ -101,8 +101,8 @@ class Calibration(Checked, frozen=True):
         LayoutError
             If the display's characters would be too small to read.
         """
-        scale = width_px / self.width_px
-        if abs(self.height_px * scale - height_px) > (scale != 1):  # which may be rounded
+        scale = scale_between((self.width_px, self.height_px), (width_px, height_px))
+        if scale is None:
             raise CalibrationError(
                 f"pictures of {width_px}x{height_px} px have another shape than {self.width_px}x{self.height_px} px"
             )
@@ -121,6 +121,12 @@ class Calibration(Checked, frozen=True):
     def save(self, path: str | Path) -> None:
         """Write a camera TOML."""
         Path(path).write_text(self.to_toml(), encoding="utf-8")
+
+
+def scale_between(size: tuple[int, int], other: tuple[int, int]) -> float | None:
+    """By how much pictures of another size, px, are larger if they show the same; None if their shape is another one."""
+    scale = other[0] / size[0]
+    return scale if abs(size[1] * scale - other[1]) <= (scale != 1) else None  # heights of copies are rounded
 
 
 def load(path: str | Path) -> Calibration:

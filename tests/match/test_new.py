@@ -13,7 +13,7 @@ from simgrab.dataset.notices import notices
 from simgrab.errors import ScenarioError, SuiteError
 from simgrab.judge.check import suite
 from simgrab.match import data_sheets
-from simgrab.match.cli.new import CARGOES, GRABS, HEADS_M, PAINTS, PITCH_DEG_PER_M, WEATHERS
+from simgrab.match.cli.new import CARGOES, GRABS, HEADS_M, PAINTS, WEATHERS
 from simgrab.model import scenes
 from simgrab.model.geometry import Intrinsics
 from simgrab.model.scenario import Cargo, Hold, RigidMount
@@ -99,8 +99,9 @@ def test_a_range_of_tilts_is_what_varies(tmp_path):
 
 def test_the_pitch_of_a_camera_that_luffing_tilts_is_stated(tmp_path):
     scene, out = new(tmp_path / "a.toml", "--motion", "cycles", "--mount", "rigid", "--ropes", "8..18")
-    assert scene.camera.mount == RigidMount(pitch_deg_per_m=PITCH_DEG_PER_M)
-    assert f"pitches by {PITCH_DEG_PER_M:g} degrees for each metre" in out
+    assert scene.camera.mount == RigidMount()
+    assert f"pitch_deg_per_m = {RigidMount().pitch_deg_per_m:g} " in (tmp_path / "a.toml").read_text()
+    assert f"pitches by {RigidMount().pitch_deg_per_m:g} degrees for each metre" in out
 
 
 def test_a_lens_without_distortion_is_a_pinhole():

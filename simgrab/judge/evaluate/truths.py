@@ -18,6 +18,7 @@ from simgrab.io import parquet
 from simgrab.io.parse import cannot, read_json
 from simgrab.judge.evaluate.alignment import SAME_S, begins, nearest, spacing
 from simgrab.model import label_arrays as labels
+from simgrab.model.calibration import scale_between
 from simgrab.model.geometry import Array
 from simgrab.model.truth import Row
 
@@ -205,8 +206,8 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
 def _scale(row: Row, run: Run, path: Path) -> float:
     """By how much the run's pictures are larger than those of the truth, of which they may be copies."""
     camera = run.calibration
-    scale = camera.width_px / row.width_px
-    if abs(row.height_px * scale - camera.height_px) > (scale != 1):  # a copy's height is rounded
+    scale = scale_between((row.width_px, row.height_px), (camera.width_px, camera.height_px))
+    if scale is None:
         raise RunError(
             f"{path}: pictures of {row.width_px}x{row.height_px} px; the run's are {camera.width_px}x{camera.height_px}"
         )

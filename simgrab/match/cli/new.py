@@ -40,7 +40,6 @@ PAINTS = {
 FOGS_M = (50, 100, 200)  # visibilities, each in a third of the foggy worlds
 NIGHT = {"sun": 0, "sky": 0.012, "floodlights": 0.06}
 CYCLE_S, DIG_S = 75, 25
-PITCH_DEG_PER_M = 2.0
 MOST_AROUND_M = 0.1  # how far each component of the offset may be off
 NEAR_ROPE_M = 0.2  # a rope that is nearer to the lens hides much of the view
 HEADS_M = 22, 60
@@ -424,6 +423,7 @@ def _around(answers: _Answers, offset: tuple[float, ...]) -> float:
 def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     """Text of the scene file."""
     from simgrab.model import layouts
+    from simgrab.model.scenario import RigidMount
 
     assume, warn = answers.assumed.append, answers.warnings.append
     optics, width, height, f_px, (k1, k2, k3) = _optics(answers)
@@ -444,8 +444,11 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     moods = list(itertools.product(lights, weathers))
     cycles = answers.get("motion", _one_of("independent", "cycles")) == ["cycles"]
     mount = answers.get("mount", _one_of("levelled", "rigid", "fixed"))[0] if cycles or "mount" in answers else ""
+    pitch = ""
     if mount == "rigid" and cycles:
-        assume(f"rigid: pitches by {PITCH_DEG_PER_M:g} degrees for each metre of luffing; pitch_deg_per_m sets it")
+        per_m = RigidMount().pitch_deg_per_m
+        pitch = f", pitch_deg_per_m = {per_m:g}"
+        assume(f"rigid: pitches by {per_m:g} degrees for each metre of luffing; pitch_deg_per_m sets it")
     if mount and not cycles:
         warn("--mount: only stated in camera.toml, since nothing moves the camera in independent frames")
     anywhere = (not cycles or "place" in answers) and answers.get("place", _one_of("quay", "random")) == ["random"]
@@ -525,7 +528,6 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     vary = f"\n[vary]{'' if fixed else ' # tolerances of these facts'}\n{varied.rstrip()}\n" if varied else ""
     again = f" # after which [vary] draws again{'' if cycles else '; more of them render faster, and vary less'}"
     clip = round(CYCLE_S * rate) if cycles else 8 if anywhere else 2
-    pitch = f", pitch_deg_per_m = {PITCH_DEG_PER_M:g}" if mount == "rigid" and cycles else ""
     name = printable(file.name)
     return f"""# Written by simgrab new. simgrab scenes show {name} prints every other key with its value.
 base = "{"training" if anywhere else "quay-day"}"
