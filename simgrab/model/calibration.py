@@ -124,7 +124,7 @@ class Calibration(Checked, frozen=True):
 
 
 def scale_between(size: tuple[int, int], other: tuple[int, int]) -> float | None:
-    """By how much pictures of another size, px, are larger if they show the same; None if their shape is another one."""
+    """By how much pictures of another size, px, are larger that show the same; None if their shape is another one."""
     scale = other[0] / size[0]
     return scale if abs(size[1] * scale - other[1]) <= (scale != 1) else None  # heights of copies are rounded
 
