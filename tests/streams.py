@@ -121,14 +121,15 @@ def _parts(data):
 
 @contextmanager
 def over_tcp(*contents):
-    """Answer one connection after another with bytes, and none after the last; yields the URL."""
+    """Answer one connection after another with bytes, or parts of them, and none after the last; yields the URL."""
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def serve():
             for data in contents:
                 connection, _ = server.accept()
                 with connection:
-                    connection.sendall(data)
+                    for part in [data] if isinstance(data, bytes) else data:
+                        connection.sendall(part)
             server.close()
 
         threading.Thread(target=serve, daemon=True).start()

@@ -22,7 +22,7 @@ LEAST_ROWS = 20
 MOST_BYTES = 1 << 20  # read at once: of more, the newest
 HEADER_BYTES = 1 << 16
 DELAYS = 300  # of rows and frames after their stamps, of which the least relate the clocks
-CLOCK_S = 5.0  # by which a delay changes only where a clock jumped
+CLOCK_S = 5.0  # by which rows are early only if their clock jumped
 
 
 class ControllerFeed:
@@ -64,7 +64,7 @@ class ControllerFeed:
         self.problem = self.news = ""
         self._controller: Controller | None = None
         self._delays, self._late = deque[float](maxlen=DELAYS), deque[float](maxlen=DELAYS)
-        self._lag = followed[0].lag_s
+        self._lag, self._newest = followed[0].lag_s, -math.inf
         self._tails: dict[Path, _Tail] = {}
         for one in followed:
             file = self._facts.file_of(one, self._path)
@@ -95,8 +95,10 @@ class ControllerFeed:
             self.problem = str(problem)
             return self._controller
         self.problem = ""
-        delay = clock - float(found.time[-1]) - self._lag
-        if self._delays and abs(delay - min(self._delays)) > CLOCK_S:
+        before, self._newest = self._newest, float(found.time[-1])
+        delay = clock - self._newest - self._lag
+        late_s = delay - min(self._delays, default=delay)
+        if late_s < -CLOCK_S or (late_s > CLOCK_S and self._newest <= before):  # or rows have earlier stamps
             self.news = "its clock jumped; it is related to that of the pictures again"
             self._delays.clear()
             for tail in self._tails.values():

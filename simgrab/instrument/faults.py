@@ -68,7 +68,7 @@ class Backlog:
             return ""
         self._behind = not self._behind
         if self._behind:
-            return f"frames are measured {late:.0f} s late: this computer is too slow for them"
+            return f"frames are measured {late:.0f} s late: this computer is too slow, or they came late"
         return "frames are measured in time again"
 
 

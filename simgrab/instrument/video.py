@@ -29,7 +29,7 @@ from simgrab.io.playback import SCHEMES, Playback, open_video, stream_of
 from simgrab.text import printable
 
 GIVE_UP_S, RETRY_S = 600.0, 2.0  # how long a lost stream is asked for, and the pause before each time
-JUMP_S = 5.0  # by which a live stream's time stamps may differ from this computer's clock between two frames
+JUMP_S = 5.0  # by which a live stream's time stamps may run ahead of this computer's clock, or go back
 MOST_LOST = 600  # frames that a gap counts as; a longer one is one lost frame
 _STEPS = 31  # time steps of which the median is what a step should be
 UNTIMED_HZ = 9.0  # of the port's camera, where nothing states a rate
@@ -184,32 +184,31 @@ class Stream:
         container, self._container = self._container, None
         if container is None:
             raise SourceError(f"{self.name}: a stream can be read only once")
-        last_s, arrived, note = 0.0, time.monotonic(), ""
-        asked: float | None = None  # when the connection was asked for again
+        begin_s = last_s = ahead_s = 0.0
+        arrived, note, lost = time.monotonic(), "", False
         while container is not None:
             with container:
                 stream = stream_of(container)
                 endless = self.count is None and not container.duration and container.size <= 0
-                begin_s = 0.0 if asked is None else last_s + asked - arrived
                 clock = _Clock(stream, self.timed, self._rate_hz, begin_s, live=endless)
                 try:
-                    for frame in _with_gaps(_decoded(stream, clock, self.name, live=True)):
+                    for frame in _with_gaps(_decoded(stream, clock, self.name, live=endless)):
                         yield replace(frame, note="; ".join(filter(None, (note, frame.note)))) if note else frame
                         note = ""
                         if frame.picture is not None:
-                            last_s, arrived = frame.time_s or 0.0, time.monotonic()
+                            last_s, ahead_s, arrived = frame.time_s or 0.0, clock.ahead_s, time.monotonic()
                 except SourceError:  # it ends before its first picture
-                    if asked is None:
+                    if not lost:
                         raise
             container = None
             while endless and container is None and time.monotonic() - arrived < GIVE_UP_S:
                 time.sleep(RETRY_S)
-                asked = time.monotonic()
-                note = f"connected again after {asked - arrived:.0f} s"
+                lost, begin_s = True, time.monotonic() + ahead_s
+                note = f"connected again after {begin_s - last_s:.0f} s"
                 try:
                     container = open_video(self._url, _refusal(self.name))
                 except SourceError as problem:
-                    yield Frame(None, last_s + time.monotonic() - arrived, f"no connection ({problem})")
+                    yield Frame(None, time.monotonic() + ahead_s, f"no connection ({problem})")
 
 
 def _refusal(name: str) -> Refuse:
@@ -264,7 +263,8 @@ def _packets(stream: VideoStream, *, live: bool) -> Iterator[Packet[Any] | str]:
                 end = max(end, float((packet.pts + (packet.duration or 0)) * packet.time_base))
             yield packet
     except (av.error.FFmpegError, OSError) as problem:
-        yield _rest(stream)
+        if not live:  # of a stream that stood still, the rest is of long ago
+            yield _rest(stream)
         yield first_line(problem)
     else:
         rate = stream.average_rate or stream.guessed_rate
@@ -327,6 +327,8 @@ class _Clock:
         Whether frames have the same times wherever decoding begins.
     jumped : str
         By how much the last stamp jumped; empty if it did not.
+    ahead_s : float
+        Times of frames less this computer's clock, at most.
     """
 
     def __init__(
@@ -334,7 +336,7 @@ class _Clock:
         live: bool = False,
     ) -> None:  # fmt: skip
         self._timed, self._begin_s, self._live = timed, begin_s, live
-        self._arrived, self.jumped = 0.0, ""
+        self.ahead_s, self.jumped = -math.inf, ""
         self._numbered = stream.container.format.name == "avi"  # whose frames have numbers, in the order of decoding
         self.searchable = self._timed and not (self._numbered and stream.codec_context.has_b_frames)
         if self._timed:
@@ -363,12 +365,12 @@ class _Clock:
             self.origin = stamp - found if self.origin is None else self.origin
             stated = stamp - self.origin
             if self._live and self._last is not None:
-                jump, passed = stated - self._last, now - self._arrived
-                if not -JUMP_S < jump < passed + JUMP_S:
-                    stated = max(found, self._last + passed)
+                jump = stated - self._last
+                if jump <= -JUMP_S or stated >= now + self.ahead_s + JUMP_S:
+                    stated = max(found, now + self.ahead_s)
                     self.origin, self.jumped = stamp - stated, f"time stamps jumped by {jump:+.0f} s"
             found = stated if self._last is None or stated > self._last else found
-        self._last, self._arrived = found, now
+        self._last, self.ahead_s = found, max(self.ahead_s, found - now)
         return found
 
 

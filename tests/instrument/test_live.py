@@ -1,6 +1,8 @@
 """A live run for hours: faults are found and reported, the controller's file is followed, memory is bounded."""
 
 import threading
+import time
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -26,6 +28,7 @@ from simgrab.instrument.pipeline import Pipeline
 from simgrab.instrument.run import run as running
 from simgrab.instrument.run.run import RunOptions
 from simgrab.instrument.source import open_source
+from simgrab.io import playback
 
 AT, SHIFT_PX = 150, 40.0  # frame of a knock, and how far it moves the picture: 1.5°
 
@@ -96,7 +99,7 @@ def test_a_stream_that_is_measured_late_is_reported_and_so_is_its_end():
     late = [2.0, 0.0, 0.1, 1.6, 2.9, 3.1, 4.0, 2.0, 3.5, 1.0, 0.0, 3.2]  # s, beyond the time from start to picture
     said = [backlog.step(1000.0 + i + late_s, float(i)) for i, late_s in enumerate(late)]
     assert [i for i, text in enumerate(said) if text] == [5, 9, 11]
-    assert said[5] == "frames are measured 3 s late: this computer is too slow for them"
+    assert said[5] == "frames are measured 3 s late: this computer is too slow, or they came late"
     assert said[9] == "frames are measured in time again"
 
 
@@ -214,6 +217,37 @@ def test_a_lost_stream_is_connected_again_and_a_jump_of_its_stamps_is_no_gap(tmp
     assert "time stamps jumped by +399" in notes[0]
     assert notes[1].startswith("connected again after")
     assert "no connection" in frames[-1].reason
+
+
+def test_time_goes_on_while_a_stream_stands_still(tmp_path, monkeypatch):
+    monkeypatch.setattr(playback, "PATIENCE_S", (15.0, 1.5))
+    monkeypatch.setattr(video, "RETRY_S", 0.1)
+    monkeypatch.setattr(video, "GIVE_UP_S", 1.0)
+    data = film(tmp_path / "a.ts", np.arange(30) / 9).read_bytes()
+
+    def stalls():
+        yield data
+        time.sleep(2.5)
+
+    with over_tcp(stalls(), data) as url:
+        seen = [frame.time_s for frame in open_source(url) if frame.picture is not None]
+    assert len(seen) > 50
+    assert np.diff(seen).max() >= 1.5 - 1 / 9 - 1e-3  # the last frame before comes as the wait ends
+
+
+def test_stamps_that_go_on_after_a_frame_that_came_late_do_not_jump(tmp_path, monkeypatch):
+    stamps = np.arange(60) / 9 + 12 * (np.arange(60) >= 30)
+    clock = [0.0]
+    monkeypatch.setattr(video, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    with over_tcp(film(tmp_path / "a.ts", stamps).read_bytes()) as url:
+        frames, seen = iter(open_source(url)), list[float]()
+        while len(seen) < 55:
+            clock[0] = float(stamps[len(seen) + 1])  # a picture ends where the next begins
+            frame = next(frames)
+            assert not frame.note
+            if frame.picture is not None:
+                seen.append(frame.time_s)
+    np.testing.assert_allclose(seen, stamps[:55], atol=1e-3)
 
 
 def run_live(folder, frames, out="out", instrument=None, **callbacks):
