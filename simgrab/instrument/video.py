@@ -184,13 +184,13 @@ class Stream:
         container, self._container = self._container, None
         if container is None:
             raise SourceError(f"{self.name}: a stream can be read only once")
-        begin_s = last_s = ahead_s = 0.0
+        begin_s, last_s, ahead_s = 0.0, 0.0, -math.inf
         arrived, note, lost = time.monotonic(), "", False
         while container is not None:
             with container:
                 stream = stream_of(container)
                 endless = self.count is None and not container.duration and container.size <= 0
-                clock = _Clock(stream, self.timed, self._rate_hz, begin_s, live=endless)
+                clock = _Clock(stream, self.timed, self._rate_hz, begin_s, ahead_s, live=endless)
                 try:
                     for frame in _with_gaps(_decoded(stream, clock, self.name, live=endless)):
                         yield replace(frame, note="; ".join(filter(None, (note, frame.note)))) if note else frame
@@ -328,15 +328,17 @@ class _Clock:
     jumped : str
         By how much the last stamp jumped; empty if it did not.
     ahead_s : float
-        Times of frames less this computer's clock, at most.
+        Times of frames less this computer's clock, at most; of an earlier connection at first, if there was one. Its
+        first frames may have waited for long: the first that is waited for here shows the time.
     """
 
     def __init__(
-        self, stream: VideoStream, timed: bool, rate_hz: float | None = None, begin_s: float = 0.0, *,
-        live: bool = False,
+        self, stream: VideoStream, timed: bool, rate_hz: float | None = None, begin_s: float = 0.0,
+        ahead_s: float = -math.inf, *, live: bool = False,
     ) -> None:  # fmt: skip
         self._timed, self._begin_s, self._live = timed, begin_s, live
-        self.ahead_s, self.jumped = -math.inf, ""
+        self.ahead_s, self.jumped = ahead_s, ""
+        self._unsure, self._arrived = ahead_s > -math.inf, math.inf
         self._numbered = stream.container.format.name == "avi"  # whose frames have numbers, in the order of decoding
         self.searchable = self._timed and not (self._numbered and stream.codec_context.has_b_frames)
         if self._timed:
@@ -367,10 +369,12 @@ class _Clock:
             if self._live and self._last is not None:
                 jump = stated - self._last
                 if jump <= -JUMP_S or stated >= now + self.ahead_s + JUMP_S:
-                    stated = max(found, now + self.ahead_s)
-                    self.origin, self.jumped = stamp - stated, f"time stamps jumped by {jump:+.0f} s"
+                    self.jumped = f"time stamps jumped by {jump:+.0f} s"
+                if self.jumped or (self._unsure and now - self._arrived > jump / 2):
+                    stated, self._unsure = max(found, now + self.ahead_s), False
+                    self.origin = stamp - stated
             found = stated if self._last is None or stated > self._last else found
-        self._last, self.ahead_s = found, max(self.ahead_s, found - now)
+        self._last, self._arrived, self.ahead_s = found, now, max(self.ahead_s, found - now)
         return found
 
 

@@ -250,6 +250,26 @@ def test_stamps_that_go_on_after_a_frame_that_came_late_do_not_jump(tmp_path, mo
     np.testing.assert_allclose(seen, stamps[:55], atol=1e-3)
 
 
+def test_a_connection_that_takes_long_does_not_shift_the_time(tmp_path, monkeypatch):
+    data, clock, opened = film(tmp_path / "a.ts", np.arange(30) / 9).read_bytes(), [0.0], video.open_video
+
+    def slowly(*arguments):
+        clock[0] += 15.0
+        return opened(*arguments)
+
+    monkeypatch.setattr(video, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=lambda _: None))
+    with over_tcp(data, data) as url:
+        frames, late = iter(open_source(url)), []
+        monkeypatch.setattr(video, "open_video", slowly)
+        while len(late) < 50:
+            frame = next(frames)
+            if frame.picture is not None:
+                late.append(clock[0] - frame.time_s)
+                clock[0] += 1 / 9
+    assert late[30] > 10
+    np.testing.assert_allclose(late[32:], 0.0, atol=0.2)
+
+
 def run_live(folder, frames, out="out", instrument=None, **callbacks):
     """Measure a film in parts of two seconds."""
     path, options = film(folder / "a.mp4", np.arange(frames) / 9), RunOptions(live=True, video=False)
