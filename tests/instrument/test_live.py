@@ -1,7 +1,9 @@
 """A live run for hours: faults are found and reported, the controller's file is followed, memory is bounded."""
 
+import gc
 import threading
 import time
+from concurrent.futures import wait
 from types import SimpleNamespace
 
 import msgspec
@@ -302,6 +304,22 @@ def test_frames_are_measured_while_a_part_is_written(tmp_path, monkeypatch):
     run_live(tmp_path, 30, progress=lambda done, _: done < 25 or further.set())
     assert (tmp_path / "out/run.json").exists()
     assert (tmp_path / "out-2/run.json").exists()
+
+
+def test_nothing_of_a_part_is_kept_once_it_is_written(tmp_path, monkeypatch):
+    def kept():
+        gc.collect()
+        return sum(isinstance(one, running._Notes | running.Run) for one in gc.get_objects())
+
+    class AtOnce(running.ThreadPoolExecutor):
+        def submit(self, *args):
+            wait([future := super().submit(*args)])
+            return future
+
+    monkeypatch.setattr(running, "ThreadPoolExecutor", AtOnce)
+    counts = [kept() + 1]  # that of the part which is measured
+    run_live(tmp_path, 50, progress=lambda done, _: done in (17, 34, 50) and counts.append(kept()))
+    assert counts == counts[:1] * 4
 
 
 def test_an_interrupt_while_a_part_is_waited_for_ends_the_run_with_the_next(tmp_path, monkeypatch):

@@ -155,6 +155,7 @@ def run(
             if parts is None or parts.ended:
                 return write(*args)
             parts.writing = target, writer.submit(write, *args)
+            del conclude, overlay, args  # which hold the rows of the part
             further = (Path(out).with_name(f"{Path(out).name}-{number}") for number in numbers)
             target = next(path for path in further if not os.path.lexists(path))
 
