@@ -44,7 +44,7 @@ from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 
 Meta = msgspec.Meta
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=100)]  # of a clip, and so of its files
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*\Z", max_length=100)]  # of a clip, and so of its files
 CLIPS, TRUTH, SEASON, TARGETS = "clips", "truth", "season.json", "targets.csv"
 _WORK = ".work"
 MOST_ATTEMPTS = 20
