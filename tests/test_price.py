@@ -104,8 +104,7 @@ def test_many_frames_are_priced_before_the_first_and_few_are_not(monkeypatch, tm
     assert "about" not in few.output
 
 
-def test_workers_that_priced_a_dataset_render_the_same(monkeypatch, tmp_path):
-    monkeypatch.setattr(price, "FEW", 4)
+def test_workers_that_priced_a_dataset_render_the_same(tmp_path):
     scene = small_scene(
         frames=4, clip__clip_frames=2, vary={"camera.beta_deg": {"dist": "uniform", "low": 2, "high": 6}}
     )

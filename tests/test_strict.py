@@ -1,13 +1,16 @@
 """A struct made or changed in Python is checked as strictly as one from a file, with the same message."""
 
+import json
 import math
 import re
+from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 import pytest
 
+import simgrab
 from simgrab.errors import CalibrationError, LayoutError, ScenarioError, SuiteError
 from simgrab.instrument.estimate.follow import Known
 from simgrab.io.strict import Checked, convert
@@ -17,6 +20,7 @@ from simgrab.judge.check.suite import Limit, Suite
 from simgrab.model import calibration, layouts, scenes
 from simgrab.model.distributions import Constant, Uniform
 from simgrab.model.scenario import Camera, Iid, Image, OneOf, Scenario, Vibration
+from simgrab.model.scenario.whole import schema
 
 CAMERA = calibration.Calibration(640, 480, 500.0, 320.0, 240.0)
 LAYOUT = layouts.load("two-by-four")
@@ -157,6 +161,17 @@ def test_every_key_says_what_it_wants_in_words_of_a_scene_file(wrong):
     assert len(told) > 100
     of_msgspec = re.compile(r"xpected|\b(object|array|str|int|float|null)\b|`|\n")
     assert not [line for line, problem in told.items() if of_msgspec.search(problem)]
+
+
+def test_no_text_ends_in_a_line_break_that_its_pattern_does_not_have():
+    """Python's ``$`` also matches before one at the end; JSON schema has no other sign."""
+    patterns = [line for path in Path(simgrab.__file__).parent.rglob("*.py") for line in path.read_text().splitlines()]
+    patterns = [line for line in patterns if re.search(r"\bpattern=r?f?[\"']", line)]
+    assert len(patterns) > 5
+    assert [line for line in patterns if not re.search(r"\\Z[\"']", line)] == []
+    with pytest.raises(ScenarioError, match="name: must be"):
+        scenes.load("quay-day", {"name": "mine\n"})
+    assert r"\\Z" not in json.dumps(schema())
 
 
 def test_a_number_is_a_constant_distribution():

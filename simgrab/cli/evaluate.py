@@ -20,20 +20,21 @@ from simgrab.text import printable
 def command(run: Path, dataset: Path, start: float | None, html: Path | None, as_json: bool) -> None:
     """Compare a RUN with the truth, and report each stage's share of the error.
 
+    RUN is a run's folder, or CSV or parquet by another program with columns alpha_deg (empty without an angle) and
+    frame (from 0), time_s of a video or file of a dataset. Other columns of a run's angles.csv may be there.
+
     DATASET is the rendered dataset that the run measured, or the rendered video, with its truth table beside it. The
     run may be on a copy of that video that was re-encoded, cut or resampled.
     """
     from simgrab.errors import RunError
-    from simgrab.instrument.run import runs
     from simgrab.io import files
     from simgrab.io.destination import writing
-    from simgrab.judge.evaluate import truths
     from simgrab.judge.evaluate.evaluation import evaluate
+    from simgrab.judge.evaluate.opened import opened
     from simgrab.judge.evaluate.table import tables
     from simgrab.reports.terminal import cell, stdout, table
 
-    measured = runs.load(run)
-    known = truths.of(measured, dataset, start)
+    measured, known = opened(run, dataset, start)
     found = evaluate(measured, known)
     if as_json:
         click.echo(json.dumps(found.to_dict()))

@@ -30,6 +30,15 @@ _LAYOUTS = {
 """By the first word of a layout: files of a split, where Hugging Face ``datasets`` reads them; and how to load it."""
 
 
+def licence(scenario: Scenario) -> str:
+    """State the licence of the pictures."""
+    stated = "The pictures are rendered from textures and shapes of simgrab, which are licensed under Apache-2.0."
+    if scenario.models:
+        names = ", ".join(model.name for model in scenario.models)
+        stated += f" They also show {names}, whose licence is not known."
+    return stated
+
+
 def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> bytes:
     """Compose the card, with the front matter that dataset hubs read.
 
@@ -39,8 +48,7 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
     frames, counts = sum(tally.splits), {name: n for name, n in zip(SPLITS, tally.splits, strict=True) if n}
     pattern, loading = _LAYOUTS[layout.partition("-")[0]]
     size = _SIZES[max(len(str(frames)) - 3, 0)]
-    own_files = [model.name for model in scenario.models]
-    head = [f"license: {'other' if own_files else 'apache-2.0'}", f'pretty_name: "{scenario.name}"']
+    head = [f"license: {'other' if scenario.models else 'apache-2.0'}", f'pretty_name: "{scenario.name}"']
     head += ["task_categories:", *(f"- {task}" for task in _TASKS), f"size_categories: [{size}]"]
     head += ["tags: [synthetic, simgrab]"]
     if pattern:
@@ -66,9 +74,6 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
         "simgrab": f"{core['simgrab']}",
     }
     table = "labels/*.parquet" if layout == "webdataset" else "labels.parquet"
-    licence = "The pictures are rendered from textures and shapes of simgrab, which are licensed under Apache-2.0."
-    if own_files:
-        licence += f" They also show {markdown(', '.join(own_files))}, whose licence is not known."
     varied = any(key.startswith("camera") for keys in scenario.vary for key in keys.split("+"))
     camera = "the camera before it varies: that of a frame is in its row" if varied else "the camera's calibration"
     body = [
@@ -79,6 +84,6 @@ def of(scenario: Scenario, core: dict[str, Any], tally: Tally, layout: str) -> b
         "## How to load", loading, *yolo.stand_ins(counts, layout),
         f"`{table}` has a row for each frame; its metadata describes the columns. `camera.toml` is {camera}. "
         "`simgrab render manifest.json` renders the scene again.",
-        "## Licence", licence,
+        "## Licence", markdown(licence(scenario)),
     ]  # fmt: skip
     return "\n".join(["---", *head, "---", "", "\n\n".join(filter(None, body)), ""]).encode()

@@ -55,8 +55,8 @@ class Price:
 
 
 def announce(priced: Callable[[Price], None] | None, workers: Workers, *, files: bool, video: bool) -> None:
-    """Call ``priced`` with the price of many frames; see `measured`. Of a cluster it is not known."""
-    if priced and workers.cluster is None and workers.recipe.scenario.frames >= FEW:
+    """Call ``priced`` with the price; see `measured`. Of a cluster it is not known."""
+    if priced and workers.cluster is None:
         priced(measured(workers, files=files, video=video))
 
 

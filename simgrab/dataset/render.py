@@ -79,7 +79,8 @@ def render(
     checking : callable, optional
         Called before that, if there are many worlds, with (worlds found possible, worlds in all).
     priced : callable, optional
-        Called before the first frame with an estimate of time and size, if there are many frames, and no cluster.
+        Called before the first frame with an estimate of time and size, which takes as long as some ten
+        frames; not on a cluster.
     randomiser, trajectory, effects
         Functions of yours, as `simgrab.frames` takes them. The manifest names them, with digests of their source; for
         several workers they must be defined at the top of a module.

@@ -60,7 +60,7 @@ def table(shard: int) -> str:
 class Place(msgspec.Struct, frozen=True):
     """Place of a frame's picture, and its mask: the columns `PLACE`."""
 
-    shard: Annotated[str, msgspec.Meta(pattern=rf"^shards/({'|'.join(SPLITS)})-[0-9]{{6,}}\.tar$")]
+    shard: Annotated[str, msgspec.Meta(pattern=rf"^shards/({'|'.join(SPLITS)})-[0-9]{{6,}}\.tar\Z")]
     offset: Annotated[int, msgspec.Meta(ge=0, le=2**53)]
     size: Annotated[int, msgspec.Meta(ge=0, le=pictures.MOST_BYTES)]
     mask: str | None

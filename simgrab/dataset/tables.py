@@ -149,11 +149,12 @@ class Coco:
         self._annotations = tempfile.SpooledTemporaryFile(_SPOOLED, "w+", encoding="utf-8")  # noqa: SIM115
         self._images = self._labelled = 0
         info = {"description": f"simgrab {scenario.name}: {scenario.description}", "version": scenario.digest()[:16]}
-        file.write(json.dumps({"info": info, "licenses": []})[:-1] + ', "images": [')
+        licence = {"id": 1, "name": card.licence(scenario), "url": "https://www.apache.org/licenses/LICENSE-2.0"}
+        file.write(json.dumps({"info": info, "licenses": [licence]})[:-1] + ', "images": [')
 
     def add(self, row: Row, mask: Coded | None) -> None:
         """Write a frame, and its annotation where detection labels hold a box."""
-        image = {"id": row.frame, "file_name": row.file, "width": row.width_px, "height": row.height_px}
+        image = {"id": row.frame, "file_name": row.file, "width": row.width_px, "height": row.height_px, "license": 1}
         self._file.write(", " * (self._images > 0) + json.dumps(image))
         self._images += 1
         if mask is not None and is_labelled(row, self._scenario):

@@ -99,7 +99,7 @@ def open_source(source: str | Path, *, rate_hz: float | None = None) -> Source:
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
-            return _dataset(path, rate_hz) if frame_files.is_dataset(path) else _folder(path, rate_hz)
+            return dataset_files(path, rate_hz) if frame_files.is_dataset(path) else _folder(path, rate_hz)
     except FileNotFoundError:
         raise SourceError(f"{path}: there is no such file or folder") from None
     except SimgrabError:
@@ -140,8 +140,8 @@ def _untimed(video: Video | Stream, rate_hz: float | None) -> Source:
     return video
 
 
-def _dataset(path: Path, rate_hz: float | None) -> PictureFiles:
-    """Pictures of a dataset; independent frames have no time."""
+def dataset_files(path: Path, rate_hz: float | None = None) -> PictureFiles:
+    """Find the pictures of a dataset; independent frames have no time."""
     if rate_hz is not None:
         raise SourceError(f"{printable(path)} is a dataset, whose labels contain the times; {_RATE_IS_OF}")
     rows, labels_sha256 = frame_files.read(path)

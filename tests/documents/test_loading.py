@@ -71,12 +71,16 @@ def test_trainers_find_pictures_and_labels(place, monkeypatch):
     """The commands run; each configuration names files that exist. The trainers themselves are not installed."""
     monkeypatch.chdir(place)
     export, links, *configurations = re.findall(r"```(?:bash|python)\n(.*?)```", TRAINERS, re.DOTALL)
-    words = [line.split() for line in export.splitlines()]
-    simgrab(words[0][1:], standalone_mode=False)
-    data = Path(words[1][3].removeprefix("data="))
-    keys = yaml.safe_load(data.read_text())
-    assert keys["task"] == words[1][1]
-    assert all(any((data.parent / keys[split]).glob("*.jpg")) for split in ("train", "val", "test"))
+    command, *trainings = export.splitlines()
+    for line, kind in zip(trainings, ("yolo-pose", "yolo-seg", "yolo-obb"), strict=True):
+        _, task, _, file, *_ = line.split()
+        data = Path(file.removeprefix("data="))
+        simgrab(
+            command.replace("yolo-pose", kind).replace("runs/pose", str(data.parent)).split()[1:], standalone_mode=False
+        )
+        keys = yaml.safe_load(data.read_text())
+        assert keys["task"] == task
+        assert all(any((data.parent / keys[split]).glob("*.jpg")) for split in ("train", "val", "test"))
     subprocess.run(["bash", "-ec", links], check=True)
     given = []
     yolox = SimpleNamespace(Exp=object)

@@ -19,7 +19,7 @@ from oracle import Oracle
 from simgrab.cli import cli
 from simgrab.dataset import datasets
 from simgrab.dataset.render import render
-from simgrab.errors import DatasetError, RunError
+from simgrab.errors import DatasetError, RecordError, RunError
 from simgrab.instrument.alarm import events
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate.follow import Known
@@ -218,6 +218,95 @@ def test_angles_alone_find_where_they_begin_or_nothing(first, noise):
     else:
         with pytest.raises(RunError, match="hardly better"):
             begins(stamps[:90], stamps, measured[:, None], true[:, None], alone=True)
+
+
+def written(path, columns, mark=","):
+    rows = [",".join(columns)] + [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join(row.replace(",", mark) for row in rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("of", ["data", "swing.mp4"])
+def test_a_runs_table_alone_is_judged_as_the_run(of, swinging, tmp_path):
+    measured(swinging, tmp_path / "run", of=of, miss=10)
+    known = swinging / of
+    whole = evaluate(tmp_path / "run", known)
+    for name in (runs.TABLE, runs.SHEET):
+        alone = evaluate(tmp_path / "run" / name, known)
+        for part in ("frames", "detection", "reading", "angle", "interval", "alarm"):
+            assert getattr(alone, part) == getattr(whole, part), part
+
+
+@pytest.mark.parametrize(
+    ("of", "key"), [("data", "frame"), ("data", "file"), ("swing.mp4", "frame"), ("swing.mp4", "time_s")]
+)
+def test_a_table_of_angles_by_another_program_is_judged(of, key, swinging, tmp_path):
+    """A row without an angle is a missed frame; some rows are left out."""
+    rows = list(datasets.read(swinging / "data").rows)
+    keys = {"frame": range(60), "file": [row.file for row in rows]}
+    if of == "swing.mp4":
+        film = pq.read_table(swinging / "swing.parquet").to_pylist()
+        rows = [rows[row["frame"]] for row in film]
+        keys = {"frame": range(len(film)), "time_s": [row["pts_s"] for row in film]}
+    angles = [row.alpha_deg + 0.5 for row in rows]
+    angles[5], angles[9] = "NaN", ""
+    columns = {key: list(keys[key])[3:], "alpha_deg": angles[3:], "mine": angles[3:]}
+    found = evaluate(written(tmp_path / "mine.csv", columns), swinging / of)
+    assert (found.frames.all, found.frames.missed, found.run.instrument) == (len(rows) - 3, 2, "mine")
+    assert found.angle.overall.rmse_deg == pytest.approx(0.5)
+    assert found.angle.overall.max_deg == pytest.approx(0.5)
+    assert found.alarm is not None
+    german = columns | {"alpha_deg": [str(angle).replace(".", "#") for angle in columns["alpha_deg"]]}
+    german = written(tmp_path / "mine.csv", german, ";")
+    german.write_text(german.read_text().replace("#", ","))
+    assert evaluate(german, swinging / of) == found
+
+
+def test_numbers_of_frames_say_where_a_part_of_a_video_is(swinging, tmp_path):
+    """The angles are constant; they raise a false alarm."""
+    part = {"frame": range(20, 40), "alpha_deg": [12.0] * 20}
+    found = evaluate(written(tmp_path / "part.csv", part), swinging / "swing.mp4")
+    assert (found.frames.known, found.angle.overall.frames, found.alarm.false) == (20, 20, 1)
+    stamps = pq.read_table(swinging / "swing.parquet")["pts_s"].to_pylist()[20:40]
+    timed = written(tmp_path / "part.csv", {"time_s": stamps, "alpha_deg": part["alpha_deg"]})
+    with pytest.raises(RunError, match="state it by --start"):
+        evaluate(timed, swinging / "swing.mp4")
+    assert evaluate(timed, swinging / "swing.mp4", 0.0) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("", "the file is empty; a header alpha_deg, and frame, time_s or file is needed"),
+        ("frame,alpha_deg\n", "no rows below the header"),
+        ("frame,alpha\n0,1\n", "column alpha_deg is missing; there are: frame, alpha"),
+        ("t,alpha_deg\n0,1\n", "column time_s or frame is missing; there are: t, alpha_deg"),
+        ("frame,alpha_deg\n0,1\n1,big\n", "alpha_deg, row 2: 'big' is not a number"),
+        ('frame,alpha_deg\n0,"1,5"\n', "alpha_deg, row 1: '1,5' is not a number; write decimals with a point"),
+        ("frame,alpha_deg\n0,1,5\n", "Expected 2 columns, got 3.*decimals need points"),
+        ("frame,alpha_deg\n0,-2.5\n", "alpha_deg, row 1: is -2.5; must be 0 to 90, or empty"),
+        ("frame,alpha_deg\n0,inf\n", "alpha_deg, row 1: is inf"),
+        ("frame,alpha_deg\nNaN,1\n", "frame, row 1: is missing"),
+        ("frame,alpha_deg\n0,1\n0,1\n", "frame, row 2: must increase"),
+        ("frame,alpha_deg\n0,1\n7000,1\n", r"frame, row 2: is 7000; must be a whole number from 0 to \d\d$"),
+        ("frame,alpha_deg\n0.5,1\n", "frame, row 1: is 0.5; must be a whole"),
+        ("time_s,alpha_deg\n0,1\n,1\n", "time_s, row 2: is missing"),
+        ("frame,alpha_deg,status\n0,1,ok\n1,2,missed\n", "row 2: alpha is only allowed with status 'ok'"),
+        ("frame,alpha_deg,status\n0,1,fine\n", "row 1: Invalid enum value 'fine'"),
+        ("frame,alpha_deg,status\n0,,ok\n", "row 1: status 'ok' needs alpha"),
+    ],
+)
+def test_a_table_that_is_none_is_refused_in_a_line(text, named, swinging, tmp_path):
+    path = tmp_path / "angles.csv"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=rf"angles\.csv.*{named}"):
+        evaluate(path, swinging / "swing.mp4")
+
+
+def test_a_table_names_files_of_the_dataset(swinging, tmp_path):
+    path = written(tmp_path / "angles.csv", {"file": ["000001.jpg", "mine.jpg"], "alpha_deg": [1, 2]})
+    with pytest.raises(RecordError, match=r"file, row 2: is mine.jpg; must be one of the dataset's, such as images/"):
+        evaluate(path, swinging / "data")
 
 
 def test_a_cut_that_fits_anywhere_is_refused(clean, swinging, tmp_path):

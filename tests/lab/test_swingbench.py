@@ -631,10 +631,18 @@ def test_a_hidden_season_keeps_its_secrets_when_it_is_continued(tmp_path):
         published(tmp_path)
 
 
-def test_a_season_of_too_few_frames_is_refused_before_any_clip_is_rendered(tmp_path, monkeypatch):
+@pytest.mark.parametrize("subset", season.SUBSETS)
+def test_a_season_of_too_few_frames_is_refused_at_once(subset, tmp_path):
+    with pytest.raises(BenchError, match="frames: 60; clips with an alarm need some 480"):
+        files.prepare(Season("short", subset, frames=60), tmp_path / "season")
+    assert not (tmp_path / "season").exists()
+
+
+def test_an_alarm_that_does_not_come_is_refused_before_any_clip_is_rendered(tmp_path, monkeypatch):
     here = SimpleNamespace(map=lambda work, clips, name: map(work, clips))  # noqa: ARG005
     monkeypatch.setattr(files, "Pool", lambda *_, **_options: contextlib.nullcontext(here))
     monkeypatch.setattr(files, "MOST_ATTEMPTS", 1)
+    monkeypatch.setattr(files, "LEAST_FRAMES", 2)
     with pytest.raises(BenchError, match="no such swing within 2 frames; some 480 are needed"):
         files.prepare(Season("short", frames=2), tmp_path)
     assert not list(tmp_path.rglob("*.mp4"))

@@ -178,6 +178,10 @@ def test_coco(source, exported, layout):
     for split, count in source.splits.items():
         coco = COCO(exported / layout / "annotations" / f"instances_{split}.json")
         assert len(coco.imgs) == count
+        (licence,) = coco.dataset["licenses"]
+        card = (exported / layout / "README.md").read_text(encoding="utf-8")
+        assert card.endswith(f"## Licence\n\n{licence['name']}\n")
+        assert {image["license"] for image in coco.imgs.values()} <= {licence["id"]}
         for number, image in coco.imgs.items():
             frame = source.frame(number)
             annotations = coco.imgToAnns[number]

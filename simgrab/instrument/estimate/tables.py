@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import itertools
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -56,13 +56,8 @@ def read_record(
     table = read_texts(path, (*itertools.chain(*_PIXELS), *_DEVIATIONS, "rope_length_m", "time_s"), HEADER)
     pair = _pixel_columns(path, table.column_names)
     needed = [*pair, *(["rope_length_m"] if rope else []), *(["time_s"] if time else [])]
-    for name in needed:
-        if name not in table.column_names:
-            there = ", ".join(table.column_names) or "none"
-            raise RecordError(f"{path}: column {name} is missing; there are: {there}")
-    if table.num_rows == 0:
-        raise RecordError(f"{path}: no rows below the header")
-    pixels = np.stack([_numbers(path, table, name) for name in pair], axis=-1)
+    check_columns(path, table, *((name,) for name in needed))
+    pixels = np.stack([numbers(path, table, name) for name in pair], axis=-1)
     _check_pixels(path, pixels, pair, calibration)
     try:
         length = _rope(path, table) if "rope_length_m" in table.column_names else None
@@ -73,19 +68,34 @@ def read_record(
     if displayed and length is not None and "rope_status" in table.column_names:
         read = np.array([str(status) == "read" for status in table["rope_status"].to_pylist()])
         length = np.where(read, length, np.nan) if read.any() else None
-    seconds = _numbers(path, table, "time_s") if "time_s" in table.column_names else None
+    seconds = numbers(path, table, "time_s") if "time_s" in table.column_names else None
     if seconds is not None and not time and np.isnan(seconds).all():  # as in the labels of independent frames
         seconds = None
     if seconds is not None:
-        for row in np.flatnonzero(~np.isfinite(seconds))[:1]:
-            raise RecordError(f"{path}: time_s, row {row + 1}: is missing")
-        for row in np.flatnonzero(np.diff(seconds) <= 0)[:1] + 1 if time else ():
-            raise RecordError(
-                f"{path}: time_s, row {row + 1}: must increase, got {seconds[row]:g} after {seconds[row - 1]:g}"
-            )
+        check_present(path, "time_s", seconds, increasing=time)
     stated = [_deviation(path, table, name) for name in _DEVIATIONS if name in table.column_names]
     sd = np.sqrt(np.mean(np.square(stated), axis=0)) if stated else np.zeros(len(pixels))
     return PixelRecord(pixels=pixels, pixel_sd=sd, rope_length=length, time=seconds)
+
+
+def check_columns(path: str | Path, table: pa.Table, *needed: Sequence[str]) -> None:
+    """Refuse a table without rows, or without any column of each group that is needed."""
+    for names in needed:
+        if not set(names) & set(table.column_names):
+            there = ", ".join(table.column_names) or "none"
+            raise RecordError(f"{path}: column {' or '.join(names)} is missing; there are: {there}")
+    if table.num_rows == 0:
+        raise RecordError(f"{path}: no rows below the header")
+
+
+def check_present(path: str | Path, name: str, values: Array, *, increasing: bool) -> None:
+    """Refuse a column (n,) with empty cells, or that does not increase."""
+    for row in np.flatnonzero(~np.isfinite(values))[:1]:
+        raise RecordError(f"{path}: {name}, row {row + 1}: is missing")
+    for row in np.flatnonzero(np.diff(values) <= 0)[:1] + 1 if increasing else ():
+        raise RecordError(
+            f"{path}: {name}, row {row + 1}: must increase, got {values[row]:g} after {values[row - 1]:g}"
+        )
 
 
 def _pixel_columns(path: str | Path, names: list[str]) -> tuple[str, str]:
@@ -97,14 +107,14 @@ def _pixel_columns(path: str | Path, names: list[str]) -> tuple[str, str]:
 
 
 def _deviation(path: str | Path, table: pa.Table, name: str) -> Array:
-    sd = np.nan_to_num(_numbers(path, table, name))
+    sd = np.nan_to_num(numbers(path, table, name))
     for row in np.flatnonzero(~(sd >= 0))[:1]:
         raise RecordError(f"{path}: {name}, row {row + 1}: is {sd[row]:g}; must be 0 px or more")
     return sd
 
 
 def _rope(path: str | Path, table: pa.Table) -> Array:
-    length = _numbers(path, table, "rope_length_m")
+    length = numbers(path, table, "rope_length_m")
     for row in np.flatnonzero(~((length > 0) & (length < _LONGEST_ROPE_M)))[:1]:
         what = "is missing" if np.isnan(length[row]) else f"is {length[row]:g}"
         raise RecordError(
@@ -193,7 +203,8 @@ def _with_points(table: pa.Table) -> pa.Table:
     return pa.table(columns, table.column_names)
 
 
-def _numbers(path: str | Path, table: pa.Table, name: str) -> Array:
+def numbers(path: str | Path, table: pa.Table, name: str) -> Array:
+    """Read a column as numbers (n,), NaN where cells are empty."""
     column = table.column(name)
     if not pa.types.is_string(column.type):
         try:

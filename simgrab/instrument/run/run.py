@@ -364,12 +364,11 @@ def _conclude(
     found = () if time_s is None else alarm.events(time_s, measurements)
     early = () if time_s is None else alarm.events(time_s, measurements, alarm.WARNED_AT, alarm.warning)
     estimate = None if record is None else record.estimate
-    counts = {status: sum(m.status == status for m in measurements) for status in ("ok", "missed", "unread", "lost")}
     reported = _controller(instrument, record)
     cut = _at_edge(measurements, calibration)
     about = {
         "simgrab": version("simgrab"),
-        "counts": counts | {"refused": len(measurements) - sum(counts.values())},
+        "counts": runs.counts(measurements),
         "estimate": None if estimate is None else estimate_json(estimate),
         "tilt": None if tilt is None else msgspec.to_builtins(tilt),
         "assumed": assumptions(calibration, record, tilt, instrument, measurements, timed=time_s is not None),

@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +39,7 @@ _PARTS = {
     "centre": ("u_px", "v_px"),
     "centre_sd": ("u_sd_px", "v_sd_px"),
 }
-_TEXT = ("status", "reason", "rope_text", "rope_status")
+TEXT = ("status", "reason", "rope_text", "rope_status")
 _AT_ONCE = 1024  # rows of plain values, which take more memory than the table
 
 
@@ -137,10 +137,11 @@ def rows(run: Run) -> Iterator[dict[str, Any]]:
     """One plain row a frame; angles in degrees."""
     times = [None] * len(run.names) if run.time is None else run.time.tolist()
     for i, (time, name, m) in enumerate(zip(times, run.names, run.measurements, strict=True)):
-        yield {"frame": i, "time_s": time, "file": encodable(name)} | _row(m)
+        yield {"frame": i, "time_s": time, "file": encodable(name)} | plain_row(m)
 
 
-def _row(m: Measurement) -> dict[str, Any]:
+def plain_row(m: Measurement) -> dict[str, Any]:
+    """One plain row without its place; angles in degrees."""
     plain: dict[str, Any] = {"status": m.status, "reason": encodable(m.reason)}
     plain |= {f"{name}_deg": _degrees(getattr(m, name)) for name in _ANGLES}
     plain |= {"direction_deg": _degrees(m.direction), "danger": m.danger, "score": m.score}
@@ -160,22 +161,33 @@ def _radians(value: float | None) -> float | None:
     return None if value is None else math.radians(value)
 
 
-def _measurement(row: dict[str, Any]) -> Measurement:
-    plain = {name: row[name] for name in (*_TEXT, "danger", "score", "rope_length_m", "warning", "peak_in_s")}
-    plain |= {name: _radians(row[f"{name}_deg"]) for name in (*_ANGLES, "direction", *_PEAK)}
-    for name, columns in _PARTS.items():
-        part = tuple(row[column] for column in columns)
-        plain[name] = None if None in part else part
-    measured = msgspec.convert(plain, Measurement)
-    if wrong := flaw(measured):
-        raise ValueError(f"frame {row['frame']}: {wrong}")
-    return measured
+def measurements(plain: Iterable[dict[str, Any]]) -> tuple[Measurement, ...]:
+    """Read plain rows; raises `ValueError` or `LookupError`."""
+    found = []
+    for i, row in enumerate(plain, 1):
+        given = {name: row[name] for name in (*TEXT, "danger", "score", "rope_length_m", "warning", "peak_in_s")}
+        given |= {name: _radians(row[f"{name}_deg"]) for name in (*_ANGLES, "direction", *_PEAK)}
+        for name, columns in _PARTS.items():
+            part = tuple(row[column] for column in columns)
+            given[name] = None if None in part else part
+        try:
+            found.append(msgspec.convert(given, Measurement))
+        except msgspec.ValidationError as problem:
+            raise ValueError(f"row {i}: {problem}") from None
+        if wrong := flaw(found[-1]):
+            raise ValueError(f"row {i}: {wrong}")
+    return tuple(found)
+
+
+def counts(measurements: Sequence[Measurement]) -> dict[str, int]:
+    """How many frames have each status."""
+    return {status: sum(m.status == status for m in measurements) for status in _Counts.__struct_fields__}
 
 
 def table(run: Run) -> pa.Table:
     """Arrow table of `rows`."""
-    names = ["frame", "time_s", "file", *_row(Measurement(status="lost", reason="-"))]
-    kinds = {"frame": pa.int64(), "file": pa.string()} | dict.fromkeys(_TEXT, pa.string())
+    names = ["frame", "time_s", "file", *plain_row(Measurement(status="lost", reason="-"))]
+    kinds = {"frame": pa.int64(), "file": pa.string()} | dict.fromkeys(TEXT, pa.string())
     schema = pa.schema([pa.field(name, kinds.get(name, pa.float64())) for name in names])
     plain, parts = rows(run), [schema.empty_table()]
     while part := list(itertools.islice(plain, _AT_ONCE)):
@@ -255,7 +267,7 @@ def load(path: str | Path) -> Run:
     try:
         facts = msgspec.convert(about, Facts)
         events = tuple(msgspec.convert(_event(e), Event) for e in alarmed)
-        measurements = tuple(_measurement(row) for row in plain)
+        measured = measurements(plain)
         time = np.array(msgspec.convert([row["time_s"] for row in plain], list[float])) if facts.timed else None
         names = msgspec.convert([row["file"] for row in plain], tuple[str, ...])
     except (ValueError, LookupError, TypeError, AttributeError) as problem:
@@ -264,7 +276,7 @@ def load(path: str | Path) -> Run:
         raise RunError(f"{path / TABLE}: time_s, row {np.flatnonzero(~np.isfinite(time))[0] + 1}: is missing")
     about = {key: value for key, value in about.items() if key not in ("instrument", "source", "timed", "failure")}
     camera = camera_file.load(path / CAMERA)
-    return Run(facts.instrument, facts.source, camera, time, names, measurements, events, about)
+    return Run(facts.instrument, facts.source, camera, time, names, measured, events, about)
 
 
 @contextmanager

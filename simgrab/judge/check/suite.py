@@ -131,7 +131,7 @@ class Suite(Checked, frozen=True):
 
     error = SuiteError
 
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*\Z", max_length=64)]
     scenes: dict[str, SuiteScene]
     description: str = ""
     instrument: str = "bundled"

@@ -9,11 +9,11 @@ import msgspec
 import numpy as np
 
 from simgrab.instrument.contract import Measurement
-from simgrab.instrument.run import runs
 from simgrab.instrument.run.runs import Run
-from simgrab.judge.evaluate import detection, reading, swings, truths, warnings
+from simgrab.judge.evaluate import detection, reading, swings, warnings
 from simgrab.judge.evaluate.budget import budget
 from simgrab.judge.evaluate.detection import Case
+from simgrab.judge.evaluate.opened import opened
 from simgrab.judge.evaluate.reading import Read
 from simgrab.judge.evaluate.swings import HARDLY_SWINGS_DEG
 from simgrab.judge.evaluate.truths import Truths
@@ -28,7 +28,8 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
     Parameters
     ----------
     run : Run or path
-        A run, or its folder.
+        A run, its folder, or a table by another program, CSV or parquet: columns as in a run's ``angles.csv``, of which
+        ``alpha_deg`` and ``frame`` (from 0), ``time_s`` of a video or ``file`` of a dataset are needed.
     known : Truths or path
         As `simgrab.judge.evaluate.truths.of` finds them: a dataset, a rendered video, or its truth table.
     start_s : float, optional
@@ -41,11 +42,10 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
 
     Raises
     ------
-    RunError, DatasetError
+    RunError, DatasetError, RecordError
         If the run or the truth is invalid, or they do not belong together.
     """
-    run = run if isinstance(run, Run) else runs.load(run)
-    known = known if isinstance(known, Truths) else truths.of(run, known, start_s)
+    run, known = opened(run, known, start_s)
     found = {
         "run": Provenance(run.source, run.instrument, known.matched, _still(known.alpha)),
         "frames": {

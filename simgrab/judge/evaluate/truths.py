@@ -144,7 +144,25 @@ def match_names(run: Run, files: Sequence[str], labels_sha256: str, path: Path) 
     return found
 
 
-def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
+@dataclass(frozen=True, eq=False)
+class Film:
+    """The truth of a rendered video.
+
+    Attributes
+    ----------
+    rows : list of n Row
+    stamps : ndarray, shape (n,)
+        Time stamps of the pictures, s, increasing.
+    scenario : ScenarioFacts
+    """
+
+    rows: list[Row]
+    stamps: Array
+    scenario: Any
+
+
+def read_film(path: Path) -> Film:
+    """Read the truth table beside a rendered video; raises `DatasetError`."""
 
     def refusal(why: str) -> DatasetError:
         return DatasetError(
@@ -154,19 +172,24 @@ def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
     plain = parquet.rows(parquet.read_table(path, refusal), refusal, cannot(path))
     manifest = read_json(path.with_suffix(".manifest.json"), refusal)
     try:
-        table = [_row(row) for row in plain]
+        rows = [_row(row) for row in plain]
         stamps = np.array([row["pts_s"] for row in plain], float)
         if not plain:
             raise ValueError("it has no rows")
         if not (np.isfinite(stamps).all() and (np.diff(stamps) > 0).all()):
             raise ValueError("its time stamps do not increase")
-        scenario = msgspec.convert(manifest, datasets.Manifest).scenario
+        return Film(rows, stamps, msgspec.convert(manifest, datasets.Manifest).scenario)
     except (ValueError, LookupError, TypeError) as problem:
         raise refusal(f"{type(problem).__name__}: {first_line(problem)}") from None
+
+
+def _of_video(run: Run, path: Path, start_s: float | None) -> Truths:
+    film = read_film(path)
+    stamps, scenario = film.stamps, film.scenario
     if run.time is None:
         raise RunError(f"{path} belongs to a video, but the run on {run.source} has independent frames")
-    scale = _scale(table[0], run, path)
-    table = [_scaled(row, scale) for row in table]
+    scale = _scale(film.rows[0], run, path)
+    table = [_scaled(row, scale) for row in film.rows]
     sent = np.array([m.status != "lost" for m in run.measurements], bool)
     times, start, reach = run.time, float(stamps[0]), SAME_S
     exact = bool((np.abs(stamps[nearest(times, stamps)] - times) < SAME_S)[sent].all())

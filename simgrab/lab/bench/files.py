@@ -44,10 +44,11 @@ from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 
 Meta = msgspec.Meta
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=100)]  # of a clip, and so of its files
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*\Z", max_length=100)]  # of a clip, and so of its files
 CLIPS, TRUTH, SEASON, TARGETS = "clips", "truth", "season.json", "targets.csv"
 _WORK = ".work"
 MOST_ATTEMPTS = 20
+LEAST_FRAMES = 300  # of a clip with an alarm: the grab is carried back by then
 MOST_TRUTH_BYTES = 100_000_000  # of a clip
 MOST_SENSOR_BYTES = 2**32  # of a file
 _SIDES = (".mp4", ".camera.toml", ".parquet", ".manifest.json")  # the last one says that a clip is finished
@@ -121,6 +122,8 @@ def prepare(
     given. ``progress`` is called with (clips done, clips in all). Raises `BenchError` if the folder holds another
     season or clips of another version, or cannot be written, or if a clip cannot have the swing that its name promises.
     """
+    if season.frames < LEAST_FRAMES and any(clip.swing == "alarm" for clip in season.clips):
+        raise BenchError(f"frames: {season.frames}; clips with an alarm need some 480")
     scenarios = [season.scenario(clip) for clip in season.clips]  # refuses a size or a length that no clip can have
     with locked_folder(folder, BenchError, who="simgrab bench"), writing(folder, BenchError):
         secret = folder / TRUTH / SEASON

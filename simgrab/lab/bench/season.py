@@ -126,8 +126,8 @@ class Season(Checked, frozen=True):
 
     error = BenchError
 
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)] = "open"
-    subset: Annotated[str, Meta(pattern=f"^({'|'.join(SUBSETS)})$")] = "nightly"
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*\Z", max_length=64)] = "open"
+    subset: Annotated[str, Meta(pattern=rf"^({'|'.join(SUBSETS)})\Z")] = "nightly"
     frames: Annotated[int, Meta(ge=2, le=100_000)] = 540
     width_px: Annotated[int, Meta(ge=320, le=4096, multiple_of=2)] = 960
     height_px: Annotated[int, Meta(ge=180, le=4096, multiple_of=2)] = 540

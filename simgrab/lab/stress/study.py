@@ -87,7 +87,7 @@ class Study(Strict, frozen=True):
 
     error = StressError
 
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*$", max_length=64)]
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*\Z", max_length=64)]
     title: Annotated[str, Meta(max_length=1000)]
     axes: Annotated[tuple[Sweep, ...], Meta(max_length=4)]
     estimators: Annotated[tuple[str, ...], Meta(max_length=100)]

@@ -10,21 +10,19 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, get_args
+from typing import TypeVar, get_args
 
 import click
 import tomli_w
 
 from simgrab.cli._options import PATH, together
 from simgrab.match import data_sheets
+from simgrab.model.scenario import Cargo, Cycles, Dynamic, Grab, Iid, Jib, Quay, RigidMount, Scenario
 from simgrab.text import encodable, printable
-
-if TYPE_CHECKING:
-    from simgrab.model.scenario import Grab, Scenario
 
 T = TypeVar("T")
 GRABS = ("four-rope", "clamshell", "orange-peel", "scissors")
-CARGOES = ("coal", "ore", "grain", "bauxite", "sulphur")
+CARGOES = get_args(Cargo)
 # Light of sun and sky by day, and keys of the weather.
 WEATHERS: Mapping[str, tuple[float, float, Mapping[str, float]]] = {
     "clear": (1.0, 0.85, {}),
@@ -126,7 +124,6 @@ def command(file: Path, fixed: bool, yes: bool, **given: str | None) -> None:
 def _check_ropes(scene: Scenario) -> None:
     """Refuse cycles that would lower the grab into the pile, or not lift it over the hopper."""
     from simgrab.model.distributions import Uniform
-    from simgrab.model.scenario import Cycles, Dynamic, Quay
 
     if not (isinstance(scene.swing, Dynamic) and isinstance(scene.swing.work, Cycles)):
         return
@@ -147,7 +144,6 @@ def _check_ropes(scene: Scenario) -> None:
 
 def _jaws(scene: Scenario) -> str:
     """Key of the jaws' opening for a grab that opens less far than those of the scene's base; else empty."""
-    from simgrab.model.scenario import Iid
     from simgrab.world.scenery.grabs import design_of
 
     if not isinstance(scene.swing, Iid):
@@ -395,7 +391,6 @@ def _around(answers: _Answers, offset: tuple[float, ...]) -> float:
     """
     import numpy as np
 
-    from simgrab.model.scenario import Jib
     from simgrab.world.scenery.clearance import LEAST_ROOM_M, room_m
     from simgrab.world.scenery.meshes.jib import jib_steel
     from simgrab.world.scenery.meshes.ropes import Ropes
@@ -423,7 +418,6 @@ def _around(answers: _Answers, offset: tuple[float, ...]) -> float:
 def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     """Text of the scene file."""
     from simgrab.model import layouts
-    from simgrab.model.scenario import RigidMount
 
     assume, warn = answers.assumed.append, answers.warnings.append
     optics, width, height, f_px, (k1, k2, k3) = _optics(answers)

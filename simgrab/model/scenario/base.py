@@ -19,7 +19,7 @@ Azimuth = Annotated[float, Meta(ge=-360, le=360)]
 """Counter-clockwise from outboard, seen from above, degrees."""
 Cargo = Literal["coal", "ore", "grain", "bauxite", "sulphur"]
 File = Annotated[str, Meta(min_length=1, max_length=4096)]
-Sha256 = Annotated[str, about("SHA-256 of the content; filled in when it is read.", pattern="^([0-9a-f]{64})?$")]
+Sha256 = Annotated[str, about("SHA-256 of the content; filled in when it is read.", pattern=r"^([0-9a-f]{64})?\Z")]
 
 UNITS = {
     "pixels_per_mm": "px/mm", "deg_per_m": "°/m", "mbit_s": "Mbit/s", "deg_s": "°/s", "m_min": "m/min", "m_s2": "m/s²",

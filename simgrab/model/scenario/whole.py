@@ -31,7 +31,7 @@ from simgrab.model.scenario.suspension import DoublePendulum, OneBody, Suspensio
 from simgrab.model.scenario.swing import ROPE_LENGTH_RANGE_M, Cycles, Dynamic, Iid
 from simgrab.model.scenario.weather import Weather
 
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*\Z", max_length=64)]
 MOST_DAYS = 366
 """Of simulated motion in a dataset."""
 MOST_SENSORS = 32
@@ -289,11 +289,11 @@ def schema() -> dict[str, Any]:
 
 
 def _with_numbers(schema: Any) -> Any:
-    """Admit a number wherever a constant distribution may stand."""
+    """Admit a number wherever a constant distribution may stand; JSON schema writes the end of a text as ``$``."""
     if isinstance(schema, list):
         return [_with_numbers(part) for part in schema]
     if not isinstance(schema, dict):
-        return schema
+        return schema.replace(r"\Z", "$") if isinstance(schema, str) else schema
     result = {key: _with_numbers(part) for key, part in schema.items()}
     if {"$ref": f"#/$defs/{Constant.__name__}"} in result.get("anyOf", ()):
         result["anyOf"].append({"type": "number"})
