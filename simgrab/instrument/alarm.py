@@ -10,11 +10,11 @@ import numpy as np
 from scipy import special
 
 from simgrab.instrument.contract import Measurement
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 
 DANGER = math.radians(10)
 SCALE = math.radians(20)
+_NORMAL = 1.959964  # two-sided, 95 %
 
 
 # Least probability that α exceeds 10° at which an alarm is raised. At 0.5 it would depend on α̂ alone. A growing swing
@@ -68,7 +68,7 @@ def probability(alpha: Array, low: Array, high: Array) -> Array:
 
     NaN where α is NaN; without an interval α is taken as exact.
     """
-    return np.where(np.isnan(alpha), np.nan, exceeding(alpha, (high - low) / (2 * NORMAL_95), DANGER))
+    return np.where(np.isnan(alpha), np.nan, exceeding(alpha, (high - low) / (2 * _NORMAL), DANGER))
 
 
 def share(alpha: Array, low: Array, high: Array) -> dict[str, float | None]:
@@ -94,7 +94,7 @@ def share(alpha: Array, low: Array, high: Array) -> dict[str, float | None]:
 
 def deviation(alpha: Array, high: Array) -> Array:
     """Find the standard deviation of α from the upper end of its 95 % interval; the lower end is cut off at 0."""
-    return (high - alpha) / NORMAL_95
+    return (high - alpha) / _NORMAL
 
 
 def exceeding(alpha: Array, sd: Array, limit: float) -> Array:

@@ -18,10 +18,10 @@ from simgrab.instrument.estimate.record import PixelRecord
 from simgrab.instrument.forecast import SETTLED_S, Forecast, Forecaster, forecast, joined
 from simgrab.instrument.observation import Observation
 from simgrab.model.calibration import Calibration
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 
 UNSTATED_PX = 1.5  # standard deviation of a pixel whose detector states none
+NORMAL = 1.96  # two-sided quantile, 95 %
 AT_ONCE = 256  # frames whose forecasts are sampled together
 
 
@@ -86,7 +86,7 @@ def without_lean(
 
     Those of ``pitched`` frames (n,) leave out the lean already.
     """
-    lean = NORMAL_95 * LEAN_BY_MOUNT.get(calibration.mount, 0.0)
+    lean = NORMAL * LEAN_BY_MOUNT.get(calibration.mount, 0.0)
     off = np.sqrt(np.maximum((ends - alpha[:, None]) ** 2 - lean**2, 0.0))
     less = np.where(np.isfinite(ends), alpha[:, None] + off * (-1.0, 1.0), np.nan)
     return np.asarray(less if pitched is None else np.where(pitched[:, None], ends, less))

@@ -11,7 +11,6 @@ import numpy as np
 
 from simgrab.errors import RecordError
 from simgrab.instrument.drive import Drive, of_point
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 
 DELAY_S, DELAY_SD_S = 0.5, 12**-0.5
@@ -258,7 +257,7 @@ class ClockOffset:
     @property
     def interval_s(self) -> tuple[float, float]:
         """Interval of 95 %."""
-        return self.offset_s - NORMAL_95 * self.sd_s, self.offset_s + NORMAL_95 * self.sd_s
+        return self.offset_s - 1.96 * self.sd_s, self.offset_s + 1.96 * self.sd_s
 
     def by_swing(self, late_s: float | None, sd_s: float | None) -> ClockOffset | None:
         """Offset if the swing shows that this one is late by some seconds, with that one's standard deviation."""

@@ -15,8 +15,6 @@ import scipy
 from simgrab.io.strict import Checked, about
 from simgrab.model.geometry import Array
 
-NORMAL_95 = 1.959964
-"""Standard deviations either way that cover 95 % of a normal distribution."""
 MOST = 1e9
 """Largest magnitude of a value or a weight."""
 MOST_VALUES = 10_000

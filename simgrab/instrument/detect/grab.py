@@ -38,7 +38,6 @@ from simgrab.instrument.detect.patches import (
 from simgrab.instrument.net import Net, open_net
 from simgrab.io.resources import ASSETS
 from simgrab.io.strict import Checked, convert
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 
@@ -54,7 +53,7 @@ _ROWS: Shapes = ((16,),)
 _LEAST_SIDE = 8.0  # px of the picture, of a box
 _LIMIT = 50.0  # of a net's outputs, logits and shares alike: beyond it exponentials are 0 or 1 all the same
 _CLOSER = 2 / 3  # weight of the closer crop in places
-MOST_YAW_SD = math.pi / 2 / NORMAL_95  # beyond it the interval of 95 % is a quarter turn each way: every direction
+MOST_YAW_SD = math.pi / 2 / 1.96  # beyond it the interval of 95 % is a quarter turn each way: every direction
 
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Factor = Annotated[float, msgspec.Meta(ge=0, le=1000)]

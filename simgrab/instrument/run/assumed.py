@@ -9,13 +9,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from simgrab.instrument.angles import NORMAL
 from simgrab.instrument.contract import Instrument, Measurement
 from simgrab.instrument.estimate.follow import Known, far_offset, tested_offsets
 from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
 from simgrab.instrument.estimate.solve import stated_ends
 from simgrab.instrument.pipeline import MeasuredRecord, Pipeline, moving
 from simgrab.model.calibration import Calibration
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 
 ROPE_M = 20.0  # of an example
@@ -101,7 +101,7 @@ def assumptions(
 
 def _leans(mount: str, record: MeasuredRecord | None, instrument: Instrument) -> str:
     """Say how a camera that is not fixed leans, and what would measure it."""
-    stated = LEANS.format(math.degrees(NORMAL_95 * LEAN_BY_MOUNT[mount])) if mount else UNKNOWN
+    stated = LEANS.format(math.degrees(NORMAL * LEAN_BY_MOUNT[mount])) if mount else UNKNOWN
     given = isinstance(instrument, Pipeline) and instrument.tilt is not None
     by = "--imu" if record is None else "--plc or --imu, without --calibration," if given else "--plc or --imu"
     return f"{stated}; {by} measures the lean"

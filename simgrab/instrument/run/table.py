@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from simgrab.instrument.angles import NORMAL
 from simgrab.instrument.controller import CLOCK, in_words
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.intervals import WORKING
 from simgrab.instrument.run.runs import Run
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 
 Row = tuple[str, str, str, str]
@@ -98,14 +98,14 @@ def held(run: Run) -> list[tuple[str, str]]:
         rows.append(("estimator", estimate["estimator"] + refusal))
         rows += _intervals(estimate, timed=run.time is not None)
         if (roll := estimate["diagnostics"].get("roll_deg")) is not None:
-            within = NORMAL_95 * estimate["diagnostics"]["roll_sd_deg"]
+            within = NORMAL * estimate["diagnostics"]["roll_sd_deg"]
             state = "; state it as roll_deg in the camera file" if within < SURE_ROLL_DEG else ""
             rows.append(("roll", f"{roll:.1f} ± {within:.1f} deg by the swing{state}"))
     elif run.about["tilt"] is not None:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
     if (radius_m := (run.about["tilt"] or {}).get("radius_m")) is not None:
         pitch, sd = math.hypot(*run.about["tilt"]["pitch_deg_per_m"]), run.about["tilt"]["pitch_sd_deg_per_m"]
-        by = f"{pitch:.2f} ± {NORMAL_95 * sd:.2f} deg for each metre of radius"
+        by = f"{pitch:.2f} ± {NORMAL * sd:.2f} deg for each metre of radius"
         rows.append(("pitch", f"{by}; the tilt is that at {radius_m:.1f} m"))
     for name, key in (("95 % intervals", "text"), ("warning", "leans"), ("contradicts the camera file", "beyond")):
         text = run.about.get("assumed", {}).get(key)

@@ -19,12 +19,12 @@ from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.pictures import centre
 from simgrab.judge.evaluate.intervals import clopper_pearson, standard_error
 from simgrab.model import label_arrays as labels
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 from simgrab.model.scenario import OrangePeel
 from simgrab.model.truth import Boxed, Row
 
+_NORMAL = 1.96
 ROPE_BINS_M = {
     f"{low:g} m and more" if math.isinf(high) else f"{low:g} to {high:g} m": (low, high)
     for low, high in itertools.pairwise((0.0, 11.0, 15.0, 20.0, 25.0, 30.0, math.inf))
@@ -282,9 +282,9 @@ def coverage(hits: Sequence[Case]) -> dict[str, float | None]:
     for case in hits:
         d, t = case.detection, case.truth
         if d.box is not None and d.box_sd_px is not None:
-            inside["box"] += list(np.abs(d.box - _box(case)) <= NORMAL_95 * d.box_sd_px)
+            inside["box"] += list(np.abs(d.box - _box(case)) <= _NORMAL * d.box_sd_px)
         if d.centre is not None and d.centre_sd_px is not None and t.grab_u_px is not None:
-            inside["centre"] += list(np.abs(d.centre - labels.centre(t)) <= NORMAL_95 * d.centre_sd_px)
+            inside["centre"] += list(np.abs(d.centre - labels.centre(t)) <= _NORMAL * d.centre_sd_px)
         if case.has_yaw and d.yaw is not None and d.yaw_sd is not None:
-            inside["yaw"].append(abs(labels.half_turn(d.yaw - labels.yaw(t))) <= NORMAL_95 * d.yaw_sd)
+            inside["yaw"].append(abs(labels.half_turn(d.yaw - labels.yaw(t))) <= _NORMAL * d.yaw_sd)
     return {name: float(np.mean(some)) if some else None for name, some in inside.items()}

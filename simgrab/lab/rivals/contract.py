@@ -14,9 +14,9 @@ from simgrab.errors import RecordError
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.estimate.frames import interpolated
 from simgrab.instrument.estimate.inertial.readings import STAMP, ImuReadings, check_times, read_columns
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 
+QUANTILE = 1.959964
 """Of the normal distribution, for 95 % intervals."""
 
 
@@ -171,7 +171,7 @@ class Swing:
             if reason:
                 found.append(Measurement(status="refused", reason=reason))
                 continue
-            low, high = (None, None) if np.isnan(sd) else (max(alpha - NORMAL_95 * sd, 0.0), alpha + NORMAL_95 * sd)
+            low, high = (None, None) if np.isnan(sd) else (max(alpha - QUANTILE * sd, 0.0), alpha + QUANTILE * sd)
             found.append(Measurement(status="ok", alpha=min(alpha, np.pi / 2), alpha_low=low, alpha_high=high))
         return found
 

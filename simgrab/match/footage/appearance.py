@@ -16,7 +16,6 @@ from simgrab.match.footage.quantity import Quantity, exact, positive, unknown
 from simgrab.match.footage.shading import vignetting
 from simgrab.match.footage.sharpness import Sharpness, sharpness
 from simgrab.match.footage.still import still
-from simgrab.model.distributions import NORMAL_95
 
 DARK = 4.0  # levels: a picture whose brightest parts are below shows nothing
 _FLOODLIGHTS = "at night floodlights make the same falloff"
@@ -144,7 +143,7 @@ def _means(footage: Footage) -> tuple[Quantity, tuple[Quantity, Quantity]]:
 
 def _spread(values: np.ndarray) -> Quantity:
     mean = float(values.mean())
-    return positive(mean, NORMAL_95 * float(values.std()) + 0.01 * mean)
+    return positive(mean, 1.96 * float(values.std()) + 0.01 * mean)
 
 
 def _stated(value: float | None, unit: str, reason: str) -> Quantity:

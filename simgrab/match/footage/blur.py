@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from simgrab.match.footage.edges import away_from, part_of, resampled_sd, straight_edges
 from simgrab.match.footage.footage import Footage, to_linear
 from simgrab.match.footage.quantity import Quantity, unknown
-from simgrab.model.distributions import NORMAL_95
 
 Floats = NDArray[np.float64]
 
@@ -57,7 +56,7 @@ def blur(footage: Footage, hidden: NDArray[np.bool_]) -> Quantity:
         return unknown(f"coding in steps of {footage.quantiser:.1f} levels blurs it", "px")
     if sd > 1.5:
         return unknown("its edges differ too much in sharpness", "px")
-    low, high = value - NORMAL_95 * sd, max(value + NORMAL_95 * sd, INDISTINCT_PX)
+    low, high = value - 1.96 * sd, max(value + 1.96 * sd, INDISTINCT_PX)
     return Quantity(max(value, LEAST_PX), 0.0 if low < INDISTINCT_PX else low, high, unit="px")
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from simgrab.instrument.detect import Detector
 from simgrab.match.footage.footage import Footage
 from simgrab.match.footage.quantity import Quantity, exact, unknown
-from simgrab.model.distributions import NORMAL_95
 
 LEAST_FOUND = 3
 COLOURFUL = 0.25  # saturation from which a pixel is taken for paint
@@ -85,7 +84,7 @@ def _paint(
     centre = (most + float(_turn(hues - most).mean())) % 360
     sd = math.hypot(float(_turn(hues - centre).std()), _HUE_SD_DEG)
     r, g, b = (float(v) for v in np.median(colours, axis=0))
-    return Quantity(centre, centre - NORMAL_95 * sd, centre + NORMAL_95 * sd, unit="°"), (r, g, b)
+    return Quantity(centre, centre - 1.96 * sd, centre + 1.96 * sd, unit="°"), (r, g, b)
 
 
 def _colourful(frame: NDArray[np.uint8], box: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,7 +18,6 @@ from scipy.optimize import nnls
 from simgrab.match.footage.footage import Footage, block_means, slope, to_linear
 from simgrab.match.footage.quantity import Quantity, positive, unknown
 from simgrab.match.footage.still import BLOCK_PX, StillBlocks
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.rng import stream
 
 Floats = NDArray[np.float64]
@@ -88,10 +87,8 @@ def noise(footage: Footage, still: StillBlocks | None, hidden: NDArray[np.bool_]
     # Where it is darkest, a share of all of the variance that is lost is taken for read noise.
     darkest = gain * float(np.quantile(blocks.shot / blocks.read, DARK_QUANTILE))
     sd = np.hypot(drawn.std(axis=0), relative * np.array([gain, read + darkest]))
-    ends = np.sqrt(np.maximum(read + NORMAL_95 * np.array([-1, 1]) * sd[1], 0))
-    return Noise(
-        positive(gain, NORMAL_95 * sd[0]), Quantity(float(np.sqrt(read)), float(ends[0]), float(ends[1])), curve
-    )
+    ends = np.sqrt(np.maximum(read + 1.96 * np.array([-1, 1]) * sd[1], 0))
+    return Noise(positive(gain, 1.96 * sd[0]), Quantity(float(np.sqrt(read)), float(ends[0]), float(ends[1])), curve)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,6 @@ from scipy.special import ndtr
 from simgrab.match.footage.edges import away_from, part_of, resampled_sd, straight_edges
 from simgrab.match.footage.footage import Footage
 from simgrab.match.footage.quantity import Quantity, positive, unknown
-from simgrab.model.distributions import NORMAL_95
 
 Floats = NDArray[np.float64]
 
@@ -72,7 +71,7 @@ def sharpness(footage: Footage, hidden: NDArray[np.bool_]) -> Sharpness:
     middle = _middle(profiles)
     value = _overshoot(middle)
     sd = resampled_sd(profiles, parts, lambda some: _overshoot(_middle(some)), "match.sharpness", DRAWS)
-    reach = NORMAL_95 * math.hypot(sd, _SD_PERCENT, _SD_SHARE * value)
+    reach = 1.96 * math.hypot(sd, _SD_PERCENT, _SD_SHARE * value)
     overshoot = positive(value, reach, "%")
     return Sharpness(overshoot) if value < LEAST_PERCENT else Sharpness(overshoot, *_fit(middle))
 

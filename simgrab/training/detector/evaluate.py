@@ -14,12 +14,12 @@ from scipy.special import expit, logit
 from simgrab.instrument.detect.boxes import iou
 from simgrab.instrument.detect.grab import Calibration, GrabDetector
 from simgrab.model import label_arrays as labels
-from simgrab.model.distributions import NORMAL_95
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 from simgrab.training.detector import cache
 
 LEVEL = 0.95
+_NORMAL = 1.96  # deviations either way that cover LEVEL of a normal distribution
 _SURE = (1e-4, 1 - 1e-4)  # presences beyond which none is surer
 _BOUNDS = (0.1, 0.9)  # of a least presence
 # Missed grabs that a false box weighs: the next frame shows the grab again, a false box may sound an alarm.
@@ -185,7 +185,7 @@ def _factor(ratios: Array) -> float:
     finite = ratios[np.isfinite(ratios)]
     if len(finite) < _FEWEST:
         return 1.0
-    return float(np.quantile(finite, LEVEL) / NORMAL_95)
+    return float(np.quantile(finite, LEVEL) / _NORMAL)
 
 
 def metrics(detected: Sequence[DetectedFrame]) -> dict[str, Any]:
