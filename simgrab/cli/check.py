@@ -21,12 +21,16 @@ from simgrab.text import printable
 @click.option("--cache", type=FOLDER, help="Cache of rendered datasets.  [default: ~/.cache/simgrab]")
 @click.option("--workers", type=WORKERS, default=1, show_default=True, help="Worker processes, at most.")
 @cluster_option
+@click.option(
+    "--timeout", type=click.FloatRange(0, min_open=True), help="Fail a scene that is measured for more seconds."
+)
 @click.option("--out", type=FOLDER, help="Folder of the results.  [default: runs/check-SUITE]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="Print failures only; notes go to stderr.")
 def command(
     suite: str, instrument: str | None, baseline: Path | None, update: bool, seeds: int | None, seed: int | None,
-    cache: Path | None, workers: int, cluster: str | None, out: Path | None, as_json: bool, quiet: bool,
+    cache: Path | None, workers: int, cluster: str | None, timeout: float | None, out: Path | None, as_json: bool,
+    quiet: bool,
 ) -> None:  # fmt: skip
     """Run an instrument on SUITE and compare its measurements with limits and baseline.
 
@@ -52,7 +56,7 @@ def command(
         raise click.UsageError("--seed cannot be combined with --update-baseline, which starts at the suite's seed")
     sys.path.insert(0, str(Path.cwd()))  # a pipeline under test lies where one works
     with steps(shown=not (quiet or as_json)) as progress:
-        options = gate.CheckOptions(instrument, baseline, seed, cache or default(), workers, cluster, progress)
+        options = gate.CheckOptions(instrument, baseline, seed, cache or default(), workers, cluster, timeout, progress)
         result = gate.record(found, options, seeds) if update else gate.check(found, options)
     report.save(result, place, page(result))
     for note in result.notes if quiet else ():

@@ -6,6 +6,8 @@ import html
 import json
 import re
 import shutil
+import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -126,6 +128,48 @@ def notes_of(trial, folder, limits, metrics=(), change=lambda _: {}):
 
 def failed(result):
     return {verdict.what: verdict.message for verdict in result.verdicts if verdict.status == "failed"}
+
+
+def forever(frame):  # noqa: ARG001
+    while True:
+        time.sleep(60)
+
+
+def a_program(frame):  # noqa: ARG001
+    return subprocess.run(["sleep", "60"], check=True)
+
+
+def catching(frame):
+    try:
+        return forever(frame)
+    except Exception:
+        return Measurement(status="missed", reason="an error")
+
+
+@pytest.mark.parametrize("measure", [forever, a_program, catching])
+def test_an_instrument_that_does_not_end_is_stopped_in_one_line(measure, place):
+    class Hanging:
+        name = "hanging"
+
+        def __call__(self, frames, calibration):  # noqa: ARG002
+            for i, frame in enumerate(frames):
+                yield measure(frame) if i == 3 else Measurement(status="ok", alpha=0.05)
+
+    before, begun = signal.getsignal(signal.SIGALRM), time.monotonic()
+    verdict = scene_of(place, Hanging(), timeout_s=0.5).verdicts[0]
+    assert time.monotonic() - begun < 20
+    assert (verdict.scene, verdict.what, verdict.status) == ("swing", "instrument", "failed")
+    assert re.fullmatch(
+        r"hanging: TimeLimit: no end in 0\.5 s \(.*test_check_gate\.py, line \d+\); "
+        "the last frame it took is 3, and measured up to frame 2",
+        verdict.message,
+    )
+    assert signal.getsignal(signal.SIGALRM) == before
+    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
+
+
+def test_a_time_limit_that_is_kept_changes_nothing(place):
+    assert check(place, timeout_s=600).passed
 
 
 def test_a_sound_pipeline_passes_with_the_very_figures_that_were_recorded(place):

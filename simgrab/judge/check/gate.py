@@ -52,6 +52,8 @@ class CheckOptions:
         Worker processes.
     cluster : str or None
         Address of a Ray cluster that renders in their place.
+    timeout_s : float or None
+        Longest time that the instrument may take for a scene; then the check must run in the main thread.
     progress : callable or None
         Called with (name of the scene, frames done, frames in all).
     """
@@ -62,6 +64,7 @@ class CheckOptions:
     cache: Path = field(default_factory=cache.default)
     workers: int = 1
     cluster: str | None = None
+    timeout_s: float | None = None
     progress: Progress | None = None
 
 
@@ -138,7 +141,7 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
         for name, found in trials.items():
             begun = time.perf_counter()
             try:
-                found.append(trial(_dataset(suite, name, seed, options), instrument))
+                found.append(trial(_dataset(suite, name, seed, options), instrument, options.timeout_s))
             except InstrumentError as problem:
                 nothing = ("nothing was recorded",)
                 return Report(suite.name, instrument.name, seed, _failure(problem, name), nothing, scenes)
@@ -215,7 +218,7 @@ def _scene(
     begun, limits, frames = time.perf_counter(), suite.limits_of(name), suite.scenes[name].golden
     dataset = _dataset(suite, name, seed, options)
     try:
-        found = judged(name, trial(dataset, instrument), limits, recorded, base.ends(suite))
+        found = judged(name, trial(dataset, instrument, options.timeout_s), limits, recorded, base.ends(suite))
     except InstrumentError as problem:
         found = Outcome(_failure(problem, name), {}, 0.0)
     verdicts, notes, pictures = list(found.verdicts), list[str](), {}

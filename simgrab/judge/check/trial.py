@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import signal
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from types import FrameType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,8 +76,12 @@ class Trial:
         ]
 
 
-def trial(dataset: Dataset, instrument: Instrument) -> Trial:
-    """Let an instrument measure a dataset, and evaluate.
+class TimeLimit(SystemExit):
+    """An instrument took too long; not an `Exception`, which it might catch for a single frame."""
+
+
+def trial(dataset: Dataset, instrument: Instrument, timeout_s: float | None = None) -> Trial:
+    """Let an instrument measure a dataset, for so long at most, and evaluate.
 
     Returns
     -------
@@ -90,7 +97,7 @@ def trial(dataset: Dataset, instrument: Instrument) -> Trial:
     camera = calibration.load(dataset.path / "camera.toml")
     source = open_source(dataset.path)
     frames = _Timed(source)
-    with one_line(instrument.name):
+    with one_line(instrument.name), _at_most(timeout_s):
         run = measure(frames, camera, instrument, source=source.name)
     with one_line(f"{instrument.name}: cannot be evaluated"):
         known = truths.of(run, dataset.path)
@@ -98,6 +105,25 @@ def trial(dataset: Dataset, instrument: Instrument) -> Trial:
     speed = run.about["speed"]
     metrics = flat(found.to_dict()) | {TIME: (speed["seconds"] - frames.seconds) / speed["frames"]}
     return Trial(dataset, metrics, run, known, found)
+
+
+@contextmanager
+def _at_most(seconds: float | None) -> Iterator[None]:
+    """Raise `TimeLimit` in the main thread after so many seconds, and each second from then on in case it is caught."""
+    if seconds is None:
+        yield
+        return
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        raise TimeLimit(f"no end in {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, seconds, 1.0)
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 class _Timed:
