@@ -38,7 +38,7 @@ _LABELS = {"fingerprint": "renderer SHA-256"}
 @click.option("--workers", type=AUTO_WORKERS, default="auto", show_default=True, help="Worker processes, or auto.")
 @cluster_option
 @click.option("--shard-frames", type=click.IntRange(1), help="Frames of a shard.  [default: 256]")
-@click.option("--resume", is_flag=True, help="Continue an unfinished dataset.")
+@click.option("--resume", is_flag=True, help="Continue an unfinished dataset, or a video at its unfinished clip.")
 @extension_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 @click.option("--quiet", is_flag=True, help="Print errors only.")
@@ -97,7 +97,8 @@ def command(
     places = [path for path in (out, video) if path is not None]
     if resume and not quiet and not any(is_url(place) or Path(place).exists() for place in places):
         click.echo(printable(f"--resume: nothing is begun in {' or '.join(map(str, places))}; begins there"), err=True)
-    with resumable(*places), drawing(shown=not (quiet or as_json)) as (progress, checking):
+    again = "" if video is None else "; an unfinished clip of a video begins again"
+    with resumable(*places, but=again), drawing(shown=not (quiet or as_json)) as (progress, checking):
         priced = None if quiet or as_json or cluster or resume or scenario.frames < FEW else _print_price
         if priced:
             click.echo("estimating time and size, from a few frames", err=True)
