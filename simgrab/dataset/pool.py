@@ -20,9 +20,9 @@ from simgrab.runtime.processes import Executor, pickled, tick
 from simgrab.world import gl
 from simgrab.world.extensions import Recipe
 from simgrab.world.frames import FrameGenerator
-from simgrab.world.projection import Projection, project
-from simgrab.world.scenery.plan import Plan, draw_up, replanned
-from simgrab.world.trajectory.trajectory import Trajectory
+from simgrab.world.projection import Projection
+from simgrab.world.scene import Planned
+from simgrab.world.scenery.plan import Plan
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
@@ -122,11 +122,10 @@ def vet(recipe: Recipe, frames: FrameNumbers | None = None, tick: Tick | None = 
     numbers = range(recipe.scenario.frames) if frames is None else frames
     for _, span in itertools.groupby(numbers, recipe.variant_number):
         first = next(span)
-        one = recipe.variant(first)
-        plan = draw_up(one.scenario, one.draws) if plan is None else replanned(plan, one)
-        trajectory = Trajectory(one.scenario, recipe.extensions, plan)
+        planned = Planned(recipe.variant(first), recipe, plan)
+        plan = planned.plan
         for frame in itertools.chain((first,), span):  # all of them: each may be impossible
-            projection = project(one.scenario, plan, trajectory.at(frame))
+            projection = planned.project(frame)
             seen += projection.meets(k.width_px, k.height_px)
             if len(kept) < MOST_PROJECTIONS:
                 kept[frame] = projection

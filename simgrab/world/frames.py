@@ -20,8 +20,8 @@ from simgrab.world.camera.renderer import View
 from simgrab.world.extensions import Effect, Motion, Randomiser, Recipe
 from simgrab.world.label import label
 from simgrab.world.projection import Projection
-from simgrab.world.scene import Scene
-from simgrab.world.scenery.plan import Plan, replanned
+from simgrab.world.scene import Planned, Scene
+from simgrab.world.scenery.plan import Plan
 from simgrab.world.trajectory.moment import Moment
 
 T = TypeVar("T")
@@ -98,8 +98,9 @@ class FrameGenerator:
     def __init__(self, recipe: Recipe | Scenario, plan: Plan | None = None) -> None:
         self.recipe = recipe if isinstance(recipe, Recipe) else Recipe(recipe)
         self.projections: Mapping[int, Projection] = {}
-        self._scene = self._build(0, plan) if plan else None
         self._revised = False
+        self._planned = Planned(self.recipe.variant(0), self.recipe, plan) if plan else None
+        self._scene: Scene | None = None
 
     @property
     def scenario(self) -> Scenario:
@@ -126,22 +127,20 @@ class FrameGenerator:
         self.recipe = recipe if isinstance(recipe, Recipe) else Recipe(recipe)
         self.projections, self._revised = {}, True
 
+    def planned(self, frame: int) -> Planned:
+        """Return the plan and trajectory of a frame's variant: those of the frame before, or in their place."""
+        if self._planned is None or self._revised or self._planned.variant.number != self.recipe.variant_number(frame):
+            before = self._planned.plan if self._planned else None
+            self._planned, self._revised = Planned(self.recipe.variant(frame), self.recipe, before), False
+        return self._planned
+
     def scene(self, frame: int) -> Scene:
         """Return the world of a frame: the one of the frame before where it can stay, or in its place."""
-        if self._scene is None:
-            self._scene = self._build(frame)
-        elif self._revised or self._scene.variant.number != self.recipe.variant_number(frame):
-            variant = self.recipe.variant(frame)
-            if not self._scene.revise(variant, self.recipe):
-                before, self._scene = self._scene, None
-                before.close()  # before another is built, which may fail
-                self._scene = Scene(variant, self.recipe, replanned(before.world.plan, variant))
-            self._revised = False
+        planned = self.planned(frame)
+        if self._scene and self._scene.planned is not planned and not self._scene.revise(planned, self.recipe):
+            self.close()  # before another is built, which may fail
+        self._scene = self._scene or Scene(planned, self.recipe)
         return self._scene
-
-    def _build(self, frame: int, plan: Plan | None = None) -> Scene:
-        self._revised = False
-        return Scene(self.recipe.variant(frame), self.recipe, plan)
 
     def project(self, frame: int) -> Projection:
         """Project a frame's moment.
@@ -151,7 +150,7 @@ class FrameGenerator:
         ScenarioError
             If the frame is impossible. The message names frame and key.
         """
-        return self.projections.get(frame) or self.scene(frame).project(frame)
+        return self.projections.get(frame) or self.planned(frame).project(frame)
 
     def frame(self, frame: int, *, full: bool = False) -> Frame:
         """Make one frame, with ``full`` also ids and depth of the whole picture.
@@ -164,7 +163,7 @@ class FrameGenerator:
         scene = self.scene(frame)
         buffers = scene.draw(self.project(frame), full=full)
         developed = scene.develop(buffers)
-        truth = label(scene.variant, buffers, developed.attenuation)
+        truth = label(scene.planned.variant, buffers, developed.attenuation)
         moment = buffers.projection.moment
         rgb = np.ascontiguousarray(self.recipe.extensions.apply(developed.rgb, moment, scene.scenario))
         return Frame(rgb, truth, moment, buffers.visibility.visible, buffers.full if full else None)

@@ -1,4 +1,4 @@
-"""The built world of one variant of a scenario, and the steps from a moment to a frame."""
+"""One variant of a scenario: its plan and its moments, the built world, and the steps from a moment to a frame."""
 
 from __future__ import annotations
 
@@ -17,47 +17,53 @@ from simgrab.world.scenery.plan import Plan, draw_up, replanned
 from simgrab.world.trajectory.trajectory import Trajectory
 
 
-class Scene:
-    """The world, renderer, camera and trajectory of one variant of a recipe. It owns an OpenGL context: close it.
+class Planned:
+    """The plan and the trajectory of one variant of a recipe, without pictures.
 
-    A plan of the same variant is taken over if it exists already.
+    Of a plan of another variant, what has not changed is reused.
+
+    Raises
+    ------
+    ScenarioError
+        If the camera is impossible.
     """
 
     def __init__(self, variant: Variant, recipe: Recipe, plan: Plan | None = None) -> None:
         self.variant, self.scenario = variant, variant.scenario
-        plan = plan or draw_up(self.scenario, variant.draws)
-        self.world = model.build(plan)
+        self.plan = replanned(plan, variant) if plan else draw_up(self.scenario, variant.draws)
+        self._trajectory = Trajectory(self.scenario, recipe.extensions, self.plan)
+
+    def project(self, frame: int) -> Projection:
+        """Project a frame's moment; raises `ScenarioError` if it is impossible."""
+        return project(self.scenario, self.plan, self._trajectory.at(frame))
+
+
+class Scene:
+    """The world, renderer and camera of one variant of a recipe. It owns an OpenGL context: close it."""
+
+    def __init__(self, planned: Planned, recipe: Recipe) -> None:
+        self.planned, self.scenario = planned, planned.scenario
+        self.world = model.build(planned.plan)
         self.renderer = Renderer(self.world, self.scenario, recipe.split)
         self.close: Callable[[], None] = self.renderer.close  # frees the OpenGL context
         self.camera = Camera(self.scenario)
-        self.trajectory = Trajectory(self.scenario, recipe.extensions, plan)
         self._metered: tuple[int, Exposure] | None = None
 
-    def revise(self, variant: Variant, recipe: Recipe) -> bool:
+    def revise(self, planned: Planned, recipe: Recipe) -> bool:
         """Become the scene of another variant, if the OpenGL context can stay; what has not changed is reused.
 
         Its frames are then bit-identical to those of a scene built for that variant. Returns whether it has changed; if
         not, it is as before.
-
-        Raises
-        ------
-        ScenarioError
-            If the camera is impossible; the scene is then as before.
         """
-        old, new = self.scenario, variant.scenario
+        new, plan, world = planned.scenario, planned.plan, self.world
         if not self.renderer.takes(new):
             return False
-        plan, world = replanned(self.world.plan, variant), self.world
         world = replace(world, plan=plan) if plan.bodies is world.plan.bodies else model.build(plan)
-        camera, trajectory = Camera(new), Trajectory(new, recipe.extensions, world.plan)
-        self.renderer.revise(world, old, new, recipe.split)
-        self.variant, self.scenario, self.world = variant, new, world
-        self.camera, self.trajectory, self._metered = camera, trajectory, None
+        camera = Camera(new)
+        self.renderer.revise(world, self.scenario, new, recipe.split)
+        self.planned, self.scenario, self.world = planned, new, world
+        self.camera, self._metered = camera, None
         return True
-
-    def project(self, frame: int) -> Projection:
-        """Project a frame's moment."""
-        return project(self.scenario, self.world.plan, self.trajectory.at(frame))
 
     def draw(self, projection: Projection, *, full: bool = False, labelled: bool = True) -> Buffers:
         """Render a frame's buffers, with ``full`` also ids and depth of the whole picture at the resolution of labels.
@@ -97,5 +103,5 @@ class Scene:
         if self._metered and begin <= self._metered[0] < frame:
             begin, before = self._metered[0] + 1, self._metered[1]
         for earlier in range(begin, frame):
-            before = self.camera.meter(self.draw(self.project(earlier), labelled=False), before)
+            before = self.camera.meter(self.draw(self.planned.project(earlier), labelled=False), before)
         return before

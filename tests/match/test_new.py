@@ -84,6 +84,10 @@ def test_cargo_is_of_place_and_grab_alike(tmp_path):
         scene, _ = new(tmp_path / f"{cargo}{len(more)}.toml", "--cargo", cargo, *more)
         assert isinstance(scene.place, Hold) == bool(more)
         assert scene.place.cargo == scene.grab.cargo == cargo
+    scene, _ = new(tmp_path / "two.toml", "--cargo", "grain,sulphur")
+    drawn = {(one.place.cargo, one.grab.cargo) for one in (Recipe(scene).variant(2 * i).scenario for i in range(20))}
+    assert drawn == {("grain", "grain"), ("sulphur", "sulphur")}
+    assert run("new", tmp_path / "a.toml", "--yes", "--cargo", "grain,sulphur", "--fixed")[0] == 2
     status, _, problem = run("new", tmp_path / "a.toml", "--yes", "--cargo", "ore", "--place", "random")
     assert (status, "--cargo: random places have cargo of each kind" in problem) == (2, True)
 

@@ -61,7 +61,7 @@ ASKED = {
     "scale": ("metres a unit of the 3-D model's file (none: by its size)", ""),
     "up": ("axis of the 3-D model's file that points up: x, y, z, with a sign, or auto, by its format", "auto"),
     "volume": ("volume of the grab, m³", "6"),
-    "cargo": (f"cargo of place and grab: {', '.join(CARGOES)}; random places have each", "coal"),
+    "cargo": (f"cargo of place and grab, one or more of {', '.join(CARGOES)}; random places have each", "coal"),
     "paint": (f"paint of the grab: {', '.join(PAINTS)}; in random places each", "orange"),
     "mount": ("levelled (hangs by gravity), rigid (pitches with the jib) or fixed", "levelled"),
     "light": ("day, night, or both", "day"),
@@ -451,7 +451,8 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     grab, volume = _grab(answers, file, painted=not anywhere or "paint" in answers)
     if anywhere and "cargo" in answers:
         raise _refusal("cargo", "random places have cargo of each kind; leave it out, or give --place quay")
-    cargo = "" if anywhere else answers.get("cargo", _one_of(*CARGOES))[0]
+    cargoes = [""] if anywhere else answers.get("cargo", _one_of(*CARGOES, most=1 if fixed else len(CARGOES)))
+    cargo = cargoes[0]
     grab += f'\ncargo = "{cargo}"' * bool(cargo)
     swing = f'rope_length_m = {{ dist = "uniform", low = {short:g}, high = {long:g} }}\nclamp = true'
     swing += "\nalpha = { sigma_deg = 2.0 } # size of the swing; far ones must not reach hopper or hatch"
@@ -518,6 +519,9 @@ def _scene(answers: _Answers, file: Path, *, fixed: bool) -> str:
     plain, varied = _moods(moods, rate, wind, varied=anywhere)
     if anywhere:
         varied += f'"weather.wind_m_s" = {{ dist = "constant", value = {wind:g} }}\n'
+    if len(cargoes) > 1:
+        each = ", ".join(f'{{ "place.cargo" = "{one}", "grab.cargo" = "{one}" }}' for one in cargoes)
+        varied += f'"place.cargo+grab.cargo" = {{ dist = "one-of", values = [{each}] }}\n'
     varied += "" if fixed else _tolerances(facts)
     vary = f"\n[vary]{'' if fixed else ' # tolerances of these facts'}\n{varied.rstrip()}\n" if varied else ""
     again = f" # after which [vary] draws again{'' if cycles else '; more of them render faster, and vary less'}"
