@@ -192,7 +192,8 @@ def test_a_run_states_forecasts_that_later_frames_do_not_change():
     for a, b in zip(whole, first, strict=False):
         for name in ("warning", "peak", "peak_low", "peak_high", "peak_in_s"):
             assert getattr(a, name) == pytest.approx(getattr(b, name))
-    assert runs._measurement({"frame": 0} | runs._row(first[-1])).peak == pytest.approx(first[-1].peak)
+    (stated,) = runs.measurements([runs.plain_row(first[-1])])
+    assert stated.peak == pytest.approx(first[-1].peak)
     begun = seen[[m.status for m in whole].index("ok")].time_s
     stated = [m.peak is not None for m in whole if m.status == "ok"]
     settled = [s.time_s - begun >= fc.SETTLED_S for s, m in zip(seen, whole, strict=True) if m.status == "ok"]

