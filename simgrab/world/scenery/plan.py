@@ -178,6 +178,8 @@ def replanned(plan: Plan, variant: Variant) -> Plan:
         If the camera would be in the jib's steel.
     """
     old, new = plan.scenario, variant.scenario
+    if plan.draws == variant.draws and old == new:
+        return plan  # with what it has computed
     changed = {name for name in _OF_PARTS if getattr(old, name) != getattr(new, name)}
     if plan.draws == variant.draws and not changed:
         _check_camera(new, plan.ropes)
