@@ -100,6 +100,7 @@ def simgrab_judge(
 
     It takes an instrument and a record, fails where a limit is exceeded, and returns all metrics by name.
     """
+    from simgrab.instrument.run.subject import checked
     from simgrab.judge.check.gate import judged
     from simgrab.judge.check.report import Report
     from simgrab.judge.check.trial import trial
@@ -108,10 +109,10 @@ def simgrab_judge(
     settle, done = _settling(request), []
 
     def judge(instrument: Instrument, record: Record) -> Mapping[str, float | None]:
-        data, found = record.dataset.data, trial(record.dataset, instrument)
+        data, found = record.dataset.data, trial(record.dataset, checked(instrument, "simgrab_judge"))
         done.append(found)
         scenes = {data.scenario: judged(data.scenario, found, limits)}
-        settle(Report(request.node.name, instrument.name, data.seed, scenes=scenes))
+        settle(Report(request.node.name, found.run.instrument, data.seed, scenes=scenes))
         return found.metrics
 
     yield judge

@@ -40,7 +40,7 @@ def recipe(*changes):
         ([HANGS, TRAIN], "all 2 clips have the same motion"),
         ([HANGS, {"frames": 2}], None),
         ([HANGS, WIND, TRAIN], None),
-        ([VARIED], "splits: a world lies in one split, and few are shared unevenly: train 3 (stated 3.2), val 0"),
+        ([VARIED], "splits: a world has one split, and few worlds miss the stated shares: train 3 (stated 3.2), val 0"),
         ([VARIED, {"frames": 200}], None),
         ([{}], None),
         ([{"splits": {"train": 0.0, "val": 0.0, "test": 1.0}}], "splits: no frame is for training"),

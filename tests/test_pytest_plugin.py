@@ -71,6 +71,7 @@ LIMITS = OWN + "".join(
         marked("misspelt_metric", '"angle.overall.rsme_deg", upper=9', "    raise AssertionError('measured in vain')"),
         marked("misspelt_end", '"angle.overall.rmse_deg", uper=9'),
         marked("slack", '"angle.overall.rmse_deg", upper=9, slack=0.1'),
+        marked("nameless", '"angle.overall.rmse_deg", upper=9', "    simgrab_judge(lambda frames, camera: [], record)"),
         marked("never_judged", '"angle.overall.rmse_deg", upper=9', "    pass"),
         marked("without_the_fixture", '"angle.overall.rmse_deg", upper=9', "    pass", "record"),
     ]
@@ -94,6 +95,7 @@ def outcomes(folder, cache):
         ("misspelt_metric", "did you mean 'angle.overall.rmse_deg'"),
         ("misspelt_end", "uper"),
         ("slack", "slack is for baselines"),
+        ("nameless", "InstrumentError: simgrab_judge: has no name"),
         ("never_judged", "nothing was measured"),
         ("without_the_fixture", "needs the fixture simgrab_judge"),
     ],

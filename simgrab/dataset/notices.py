@@ -137,4 +137,6 @@ def _of_splits(recipe: Recipe) -> list[str]:
     if all(share / FAR <= found[name] <= share * FAR for name, share in stated):
         return []
     got = ", ".join(f"{name} {found[name]} (stated {share:g})" for name, share in stated)
-    return [f"splits: a world lies in one split, and few are shared unevenly: {got}; render more worlds, or set seed"]
+    return [
+        f"splits: a world has one split, and few worlds miss the stated shares: {got}; render more worlds, or set seed"
+    ]

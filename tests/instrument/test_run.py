@@ -723,8 +723,8 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     bolted = informed.about["tilt"] | {"radius_m": 25.7, "pitch_deg_per_m": [2.0, 0.3], "pitch_sd_deg_per_m": 0.05}
     rows = dict(held(dataclasses.replace(informed, about=informed.about | {"tilt": bolted})))
     assert rows["pitch"] == "2.02 ± 0.10 deg for each metre of radius; the tilt is that at 25.7 m"
-    for used, begins in ((True, "used: "), (False, "not used: ")):
-        about = informed.about | {"controller": informed.about["controller"] | {"load_used": used}}
+    for why, begins in (("", "used: "), ("it rests", "not used: it rests")):
+        about = informed.about | {"controller": informed.about["controller"] | {"load_unused": why}}
         assert dict(held(dataclasses.replace(informed, about=about)))["controller's load"].startswith(begins)
     for arguments, expected in (
         (["--plc", str(tmp_path / "none.csv")], "none.toml: No such file"),
@@ -742,11 +742,20 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("imu", [None, object()])  # beside which the load is used, too
-@pytest.mark.parametrize(("smooths", "tonnes", "used"), [(True, 9.0, True), (True, 2.0, False), (False, 9.0, False)])
-def test_a_run_states_whether_the_load_was_used(smooths, tonnes, used, imu):
+@pytest.mark.parametrize(
+    ("smooths", "tonnes", "unused"),
+    [
+        (True, 9.0, ""),
+        (True, 2.0, "it does not change"),
+        (False, 9.0, "it needs --imu, or slewing or luffing by --plc"),
+    ],
+)
+def test_a_run_states_why_the_load_was_not_used(smooths, tonnes, unused, imu):
     time = np.arange(9.0)
     load = np.column_stack([time, 1e3 * np.where(time < 4, 2.0, tonnes)])
     reported = Controller(time, time / 50, time + 20, load=load, grab_kg=2000.0)
     kind = PendulumSmoother(controller=reported, imu=imu) if smooths else PaperIteration()
     record = MeasuredRecord(arrays([Observation(t) for t in time], time), (), None, None, estimator=kind)
-    assert _controller(Pipeline(None, None, controller=reported), record)["load_used"] is used
+    pipeline = Pipeline(None, None, controller=reported)
+    assert _controller(pipeline, record)["load_unused"] == unused
+    assert _controller(pipeline, None)["load_unused"] == "live runs do not use it"

@@ -395,17 +395,22 @@ def _controller(instrument: Instrument, record: MeasuredRecord | None) -> dict[s
     controller = instrument.controller
     clock = (record.clock if record is not None else None) or controller.stated_clock
     by_swing, used = None, None if record is None else record.estimator
-    by_load = getattr(used, "controller", None) is not None
     if record is not None and record.estimate is not None and used is not None and not used.needs_imu:
         by_swing = clock.by_swing(*map(record.estimate.diagnostics.get, ("clock_s", "clock_sd_s")))
     time = controller.time if record is None or record.arrays.time is None else record.arrays.time
+    if record is None:
+        unused = "live runs do not use it"
+    elif getattr(used, "controller", None) is None:
+        unused = "it needs --imu, or slewing or luffing by --plc"
+    else:
+        unused = "" if np.ptp(controller.lightness(time)) else "it does not change"
     return {
         "clock_offset_s": clock.offset_s, "clock_interval_s": list(clock.interval_s), "clock_from": clock.source,
         "clock_by_motion_s": None if by_swing is None else by_swing.offset_s,
         "clock_by_motion_interval_s": None if by_swing is None else list(by_swing.interval_s),
         "clock_used_s": (by_swing or clock).offset_s,
         "wind_m_s": None if controller.wind is None else controller.wind_m_s(time),
-        "load_used": None if controller.load is None else by_load and bool(np.ptp(controller.lightness(time))),
+        "load_unused": None if controller.load is None else unused,
         "display_minus_controller_m": clock.difference_m,
         "notes": [*controller.notes, *filter(None, [clock.note, record.doubt if record is not None else ""])],
     }  # fmt: skip

@@ -89,9 +89,9 @@ def held(run: Run) -> list[tuple[str, str]]:
         found = [f["text"] for f in run.about.get("faults", ()) if f["text"].startswith(CLOCK)]
         rows.append(("controller's clock", f"{found[-1].removeprefix(CLOCK)}; at first {clock}" if found else clock))
         rows += [("controller's wind", f"{wind:.1f} m/s")] if (wind := reported.get("wind_m_s")) else []
-        if (load := reported.get("load_used")) is not None:
-            without = "not used: it needs --imu, or slewing or luffing by --plc, no --live, and a load that changes"
-            rows.append(("controller's load", "used: a light grab leans more in the wind" if load else without))
+        if (why := reported.get("load_unused")) is not None:
+            used = "used: a light grab leans more in the wind"
+            rows.append(("controller's load", f"not used: {why}" if why else used))
     estimate = run.about["estimate"]
     if estimate is not None:
         refusal = "" if estimate["status"] == "ok" else f": refused, {estimate['reason']}"
