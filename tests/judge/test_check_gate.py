@@ -592,6 +592,15 @@ def test_a_factor_that_leaves_no_less_than_a_constant_answer_is_not_named():
     assert "factor" in next(_of_angles(4.6 * true, true))
 
 
+def test_a_factor_that_leaves_as_little_as_a_constant_is_named_beside_it():
+    true = np.linspace(2.0, 4.0, 20)
+    noise = 0.2 * (-1.0) ** np.arange(20)
+    (said,) = _of_angles(1.1 * true + noise, true)
+    assert "a constant or a factor: on average, the measured angle is 0.30° too large, or 1.10 times the true" in said
+    (said,) = _of_angles(true + 0.3, true)
+    assert "is a constant: on average, the measured angle is 0.30° too large. Without it" in said
+
+
 def test_a_mistake_is_named_only_where_the_check_would_pass_without_it(place, tmp_path):
     def why(instrument, metric, upper):
         return scene_of(place, instrument, limited(tmp_path, {metric: {"upper": upper}}), baseline=None).causes
@@ -934,12 +943,19 @@ def test_what_few_seeds_allow_is_said(place, tmp_path):
     small = suite.load(place / "small.toml")
     result = gate.record(small, options(place, sound, baseline=tmp_path), seeds=2)
     warning = result.of_suite[1]
-    assert warning.startswith("warning: on other frames a figure may be worse by 1949 standard deviations")
+    allowed = "a figure may be worse than its mean by 1949 standard deviations"
+    assert warning.startswith(f"warning: on other frames {allowed}")
     later = check(place, baseline=tmp_path, seed=2)
-    assert later.of_suite == (warning,)
+    (warning,) = later.of_suite
+    assert warning.startswith(f"warning: on other frames than those recorded, as here, {allowed}")
     assert warning in ElementTree.fromstring(report.as_junit(later)).findtext(".//system-out")
     assert warning in html.unescape(page.page(later))
     assert not check(place, baseline=tmp_path, seed=1).of_suite  # which was recorded
+    (note,) = gate._of_other_frames(10, small, others=True)
+    assert note.startswith(
+        "on other frames than those recorded, as here, a figure may be worse than its mean by 6 stan"
+    )
+    assert not gate._of_other_frames(10, small)
 
 
 @pytest.mark.parametrize("flaw", [{"sead": 1}, {"baseline": "small.toml"}])

@@ -12,7 +12,7 @@ import numpy as np
 from simgrab.instrument.alarm import events
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run.runs import Run, reasons
-from simgrab.judge.check.mistakes import FEWEST, Mistake, likely, of_centres, of_rope
+from simgrab.judge.check.mistakes import CLEARLY, FEWEST, Mistake, likely, of_centres, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
 from simgrab.judge.evaluate.budget import by_centres, of_tilt, with_lengths
 from simgrab.judge.evaluate.swings import alarms, angles, by_angles, coverage
@@ -235,17 +235,21 @@ def _of_angles(measured: Array, true: Array) -> Iterator[str]:
         return
     factor = float(measured @ true) / max(float(measured @ measured), 1e-12)
     scaled, moved = _rms(factor * measured - true), _rms(measured - true - bias)
-    without = "Without it the RMSE would be {:.2f}°" + f" instead of {rmse:.2f}°."
     if factor > 0 and scaled < min(moved, rmse, 2 * true_spread) / 2:
         degrees = ", as if it were in degrees" if 0.9 < math.degrees(factor) < 1.1 else ""
         yield (
             f"Most of the error is a factor: the measured angle is {1 / factor:.2f} times the true one{degrees}. "
-            f"{without.format(scaled)}"
+            f"Without it the RMSE would be {scaled:.2f}° instead of {rmse:.2f}°."
         )
     elif bias**2 > rmse**2 / 2:
+        kind, size = "a constant", f"{abs(bias):.2f}° too {'large' if bias > 0 else 'small'}"
+        left = f"{moved:.2f}°"
+        if factor > 0 and scaled < min(CLEARLY * moved, true_spread):
+            kind, size = f"{kind} or a factor", f"{size}, or {1 / factor:.2f} times the true one"
+            left = f"{left} or {scaled:.2f}°"
         yield (
-            f"Most of the error is a constant: on average, the measured angle is {abs(bias):.2f}° too "
-            f"{'large' if bias > 0 else 'small'}. {without.format(moved)}"
+            f"Most of the error is {kind}: on average, the measured angle is {size}. Without it the RMSE would be "
+            f"{left} instead of {rmse:.2f}°."
         )
 
 
@@ -253,7 +257,9 @@ def _of_stages(
     trial: Trial, run: Run, rmse: float, true_spread: float, *, compared: bool, steady: bool
 ) -> Iterator[str]:  # fmt: skip
     """Name the first stage of the pipeline that explains its RMSE of the angle: centre, tilt, or the rest."""
-    later = " That is of the whole error; what grew since the baseline may be another." if compared else ""
+    later = (
+        " This is about the whole error, of which another part may have grown since the baseline." if compared else ""
+    )
     known, budget = trial.known, trial.evaluation.budget
     centre_deg, tilt = np.rad2deg(_rms(swing_of(by_centres(run, known))[0] - known.alpha)), of_tilt(run, known)
     if trial.centres and centre_deg**2 > rmse**2 / 2 and not steady:

@@ -101,7 +101,7 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
     scenes = {name: _scene(suite, name, seed, instrument, recorded, folder, options) for name in suite.scenes}
     labels = {name: scene.trial.dataset.data.labels_sha256 for name, scene in scenes.items() if scene.trial}
     if recorded and any(digest not in recorded.scenes[name].labels for name, digest in labels.items()):
-        notes += _few(len(recorded.seeds), suite)
+        notes += _of_other_frames(len(recorded.seeds), suite, others=True)
     return Report(suite.name, instrument.name, seed, general, notes, scenes)
 
 
@@ -157,18 +157,19 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
             return Report(suite.name, instrument.name, suite.seed, (), nothing, scenes)
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
-    return Report(suite.name, instrument.name, suite.seed, (), done + _few(len(several), suite), scenes)
+    return Report(suite.name, instrument.name, suite.seed, (), done + _of_other_frames(len(several), suite), scenes)
 
 
-def _few(seeds: int, suite: Suite) -> tuple[str, ...]:
-    """Warn that a baseline of so many seeds hardly tests other frames."""
-    if not 1 < seeds < FEW_SEEDS:
+def _of_other_frames(seeds: int, suite: Suite, *, others: bool = False) -> tuple[str, ...]:
+    """State what a baseline of so many seeds allows on other frames, if these are some or it is much."""
+    few = seeds < FEW_SEEDS
+    if seeds == 1 or not (few or others):
         return ()
     allowed = base.deviations(seeds, base.ends(suite))
-    return (
-        f"warning: on other frames a figure may be worse by {allowed:.0f} standard deviations, because the baseline "
-        f"has only {seeds} seeds: record more --seeds",
-    )
+    which = "other frames than those recorded, as here," if others else "other frames"
+    text = f"on {which} a figure may be worse than its mean by {allowed:.0f} standard deviations"
+    why = f", because the baseline has only {seeds} seeds: record more --seeds"
+    return (f"warning: {text}{why}" if few else f"{text} over the baseline's seeds",)
 
 
 def _instrument(suite: Suite, options: CheckOptions, seed: int) -> Instrument | Report:
