@@ -32,7 +32,7 @@ def notices(recipe: Recipe, *, splits: bool = True) -> list[str]:
         lines = []
     if isinstance(scenario.grab, Mesh):
         if isinstance(scenario.swing, Iid) and scenario.swing.load.support()[1]:
-            lines.append("swing.load has no effect on a grab from a file, which holds no load")
+            lines.append("a grab from a file holds no load: swing.load is not used")
         if isinstance(scenario.swing, Dynamic) and isinstance(scenario.swing.work, Cycles):
             lines.append("a grab from a file holds no load: its mass is grab.mass_kg throughout the cycles")
     lines += _of_weather(scenario) + _of_display(scenario)
