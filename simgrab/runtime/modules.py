@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import inspect
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,3 +24,13 @@ def find(module: str, attribute: str) -> Any:
         own = [folder for folder in searched if not folder.startswith((sys.prefix, sys.base_prefix))]
         where = ", ".join([*own, f"the packages of {sys.prefix}"])
         raise ModuleNotFoundError(f"{problem}; searched: {where}", name=problem.name) from None
+
+
+def source_sha256(defined: Any) -> str | None:
+    """SHA-256 of the file that defines a function or class, or else of its own source; None if neither is known."""
+    try:
+        file = inspect.getsourcefile(defined)
+        source = Path(file).read_bytes() if file and Path(file).is_file() else inspect.getsource(defined).encode()
+    except (OSError, TypeError):
+        return None
+    return hashlib.sha256(source).hexdigest()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -17,6 +18,7 @@ from simgrab.errors import ExtensionError, ScenarioError, SimgrabError, first_li
 from simgrab.model import scenes
 from simgrab.model.rng import stream
 from simgrab.model.scenario import Iid, Scenario, Variant, variant
+from simgrab.runtime import modules
 from simgrab.runtime.processes import pickled
 from simgrab.world.trajectory.checked import checked
 from simgrab.world.trajectory.moment import Moment
@@ -281,15 +283,10 @@ def _identity(function: Callable[..., Any]) -> dict[str, Any]:
     while hasattr(inner, "func"):  # functools.partial
         inner = inner.func
     defined = inner if hasattr(inner, "__qualname__") else type(inner)
-    module = defined.__module__
-    try:
-        file = inspect.getsourcefile(defined)
-        if module == "__main__" and file and Path(file).is_file():
-            module = Path(file).stem  # by which another script imports it
-        source = Path(file).read_bytes() if file and Path(file).is_file() else inspect.getsource(defined).encode()
-    except (OSError, TypeError):
-        source = None
-    digest = hashlib.sha256(source).hexdigest() if source is not None else None
+    module, digest = defined.__module__, modules.source_sha256(defined)
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if module == "__main__" and file and Path(file).is_file():
+        module = Path(file).stem  # by which another script imports it
     identity: dict[str, Any] = {"name": f"{module}:{defined.__qualname__}", "source_sha256": digest}
     if inspect.isfunction(function) and "<" not in defined.__qualname__:  # no lambda, closure, partial or instance
         return identity

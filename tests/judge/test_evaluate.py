@@ -552,6 +552,12 @@ def test_a_refused_stage_is_the_limit():
     assert of(0, 0.05, 0.4, None, 0.31, 0.32) == "camera as nominally known (refused)"
 
 
+def test_the_computation_of_angles_itself_may_be_the_limit(clean, swinging):
+    own = altered(clean, lambda m: m if m.alpha is None else msgspec.structs.replace(m, alpha=4 * m.alpha))
+    assert evaluate(clean, swinging / "data").budget.limit != "the run itself"
+    assert evaluate(own, swinging / "data").budget.limit == "the run itself"
+
+
 def test_a_tilt_that_was_given_is_given_to_the_chain_too(clean, swinging):
     given = dataclasses.replace(clean, about=clean.about | {"estimate": None})
     found = evaluate(given, swinging / "data")["budget"]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from simgrab.instrument.alarm import events
@@ -14,7 +15,7 @@ from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run.runs import Run, reasons
 from simgrab.judge.check.mistakes import CLEARLY, FEWEST, Mistake, likely, of_centres, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
-from simgrab.judge.evaluate.budget import by_centres, of_tilt, with_lengths
+from simgrab.judge.evaluate.budget import by_centres, limit, of_tilt, with_lengths
 from simgrab.judge.evaluate.swings import alarms, angles, by_angles, coverage
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array, swing_of
@@ -261,6 +262,7 @@ def _of_stages(
         " This is about the whole error, of which another part may have grown since the baseline." if compared else ""
     )
     known, budget = trial.known, trial.evaluation.budget
+    most = "" if budget is None else limit(msgspec.to_builtins(budget.chain))
     centre_deg, tilt = np.rad2deg(_rms(swing_of(by_centres(run, known))[0] - known.alpha)), of_tilt(run, known)
     if trial.centres and centre_deg**2 > rmse**2 / 2 and not steady:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))
@@ -269,7 +271,7 @@ def _of_stages(
         if tilt and budget is not None and rest is not None and rest**2 > rmse**2 / 2:
             which, more = "centre and tilt", (
                 f"; the tilt that is estimated from it hides a part. With true centres, simgrab's estimator "
-                f"{budget.estimator} would have one of {rest:.2f}°, most of it by: {budget.limit}."
+                f"{budget.estimator} would have one of {rest:.2f}°, most of it by: {most}."
             )  # fmt: skip
         yield (
             f"Correct {which}: the centre's error (95th percentile) is {off_px:.1f} px. With all else true, angles "
@@ -292,7 +294,7 @@ def _of_stages(
         if round(own, 2) >= round(fed, 2):  # else the budget is of errors that this pipeline avoids
             yield (
                 f"From the same centres and lengths, simgrab's estimator {budget.estimator} has an RMSE of {fed:.2f}°. "
-                f"The largest contribution in its error budget: {budget.limit}.{later}"
+                f"The largest contribution in its error budget: {most}.{later}"
             )
         elif (steady_deg := budget.chain[1].rmse_deg or 0.0) > rmse / 2:
             tilts = [row.beta_deg for row in known.rows if row is not None]

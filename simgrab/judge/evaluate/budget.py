@@ -79,7 +79,7 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
         ``beta_deg``: ``chain``, each with one more oracle input replaced, ``aside``, each with a single one replaced,
         ``paper``, the paper's method on true and on detected centres, ``drawn``, the last row of the chain with offsets
         drawn about the true one as the camera file states them to err (nothing for a tilt that was given, with its
-        offset), and ``run``, the run's own angles; ``limit``: the stage of the chain that adds most. None where the run
+        offset), and ``run``, the run's own angles; ``limit``: the stage that adds most. None where the run
         outputs no centres, where the true camera changes on the way, and where its estimator takes more than pixels.
     """
     parts = _Parts.of(run, known)
@@ -94,22 +94,22 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
         beta, alpha = parts.swing(stage, by)
         return {"stage": stage.name, "beta_deg": beta} | errors(alpha, parts.alpha)
 
-    paper = PaperIteration()
+    paper, own = PaperIteration(), {"stage": "the run itself"} | errors(run.alpha[parts.some], parts.alpha)
     chain = [row(stage, estimator) for stage in CHAIN if parts.reads or stage.name != READ]
     return {
         "estimator": estimator.name,
         "tilt": "estimated" if parts.given is None else "given",
         "chain": chain,
-        "limit": limit(chain),
+        "limit": limit([*chain, own]),
         "aside": [row(stage, estimator) for stage in ASIDE if parts.reads or stage.rope == "true"],
         "drawn": {"stage": f"offset drawn {DRAWS} times"} | parts.drawn(estimator),
         "paper": [row(stage, paper) for stage in (CHAIN[2], CHAIN[-1])],
-        "run": {"stage": "the run itself"} | errors(run.alpha[parts.some], parts.alpha),
+        "run": own,
     }
 
 
 def limit(chain: Sequence[Mapping[str, Any]]) -> str:
-    """Name the stage of a chain that adds most to the mean square error, or the first that is refused."""
+    """Name the stage that adds most to the mean square error, or the first that is refused."""
     for row in chain:
         if row["rmse_deg"] is None:
             return f"{row['stage']} (refused)"

@@ -146,7 +146,8 @@ def _of_budget(f: Mapping[str, Any] | None) -> TextTable | None:
         for row in rows
     ]
     return TextTable(
-        f"Error budget of the swing angle, degrees ({f['estimator']})", ("oracle inputs", *ERRORS, "β̂"), tuple(rows),
+        f"Error budget of the swing angle, degrees (all but the run itself by {f['estimator']})",
+        ("oracle inputs", *ERRORS, "β̂"), tuple(rows),
         "Each row down to the run itself replaces one more oracle input by the measured one; all use the same frames. "
         + ("The tilt was given, or estimated from part of the frames. " if f["tilt"] == "given" else "")
         + f"Largest contribution: {f['limit']}.",

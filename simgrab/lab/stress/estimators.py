@@ -61,6 +61,11 @@ def find(name: str) -> Estimating:
     return checked(name, made)
 
 
+def sources(names: Sequence[str]) -> dict[str, str | None]:
+    """SHA-256 of the source file of each estimator that is not of the package, by name; None where it is not known."""
+    return {name: modules.source_sha256(type(find(name))) for name in names if name not in ESTIMATORS}
+
+
 def checked(name: str, made: object) -> Estimating:
     """Give an estimator back; raises `StressError` if it is none."""
     if isinstance(made, type):

@@ -274,7 +274,7 @@ def _named(job: tuple[Study, ReplicationBatch]) -> str:
 def _identity(study: Study) -> dict[str, Any]:
     return {
         "simgrab": __version__, "made_with": depth_of(study.depth).made_with(), "digest": study.digest,
-        "study": msgspec.to_builtins(study),
+        "sources": estimators.sources(study.estimators), "study": msgspec.to_builtins(study),
     }  # fmt: skip
 
 

@@ -136,6 +136,19 @@ def test_a_study_killed_while_it_cleaned_up_is_finished(finished, tmp_path):
     assert (out / laboratory.REPORT).read_bytes() == report
 
 
+def test_a_study_goes_on_only_with_the_estimator_it_began_with(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "own_estimator_of_a_study.py"
+    file.write_text("from simgrab.instrument.estimate import MeanRay\n\n\nclass Mine(MeanRay): ...\n")
+    study = small("focal", (0.0,), replications=2, n=20, estimators=("own_estimator_of_a_study:Mine",))
+    laboratory.run([study], tmp_path / "out")
+    laboratory.run([study], tmp_path / "out", resume=True)
+    with file.open("a") as source:
+        source.write("# and changed\n")
+    with pytest.raises(StressError, match=r"sources\.own_estimator_of_a_study:Mine differs"):
+        laboratory.run([study], tmp_path / "out", resume=True)
+
+
 def test_a_folder_of_another_study_is_left_alone(finished, tmp_path, monkeypatch):
     study, folder, _ = finished
     before = (folder / "focal" / TRIALS).read_bytes()
