@@ -942,7 +942,10 @@ def test_with_quiet_notes_alone_are_printed_on_stderr(shell, tmp_path):
 def test_what_few_seeds_allow_is_said(place, tmp_path):
     small = suite.load(place / "small.toml")
     result = gate.record(small, options(place, sound, baseline=tmp_path), seeds=2)
-    warning = result.of_suite[1]
+    warning, ranges = result.of_suite[1:]
+    least, most = sorted(baseline.load(tmp_path).scenes["swing"].metrics["angle.overall.rmse_deg"])
+    assert ranges.startswith("swing: over these seeds: detection.centre.median_px ")
+    assert f", angle.overall.rmse_deg {least:.4g} to {most:.4g}, " in ranges
     allowed = "a figure may be worse than its mean by 1949 standard deviations"
     assert warning.startswith(f"warning: on other frames {allowed}")
     later = check(place, baseline=tmp_path, seed=2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -157,7 +157,16 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
             return Report(suite.name, instrument.name, suite.seed, (), nothing, scenes)
     _write(folder, base.compose(suite, instrument.name, several, trials), suite, trials)
     done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
-    return Report(suite.name, instrument.name, suite.seed, (), done + _of_other_frames(len(several), suite), scenes)
+    done += _of_other_frames(len(several), suite)
+    if len(several) > 1:
+        done += tuple(f"{name}: over these seeds: {_ranges(suite.limits_of(name), trials[name])}" for name in trials)
+    return Report(suite.name, instrument.name, suite.seed, (), done, scenes)
+
+
+def _ranges(metrics: Iterable[str], trials: Sequence[Trial]) -> str:
+    """State between which values metrics lie."""
+    known = {name: [v for one in trials if (v := one.metrics.get(name)) is not None] for name in metrics}
+    return ", ".join(f"{name} {min(values):.4g} to {max(values):.4g}" for name, values in known.items() if values)
 
 
 def _of_other_frames(seeds: int, suite: Suite, *, others: bool = False) -> tuple[str, ...]:
