@@ -62,6 +62,8 @@ class Controller:
         \|OA\|, m.
     slew_sd, radius_sd : float
         Standard deviation of one reading, rad, m, from resolution and jitter; 0 where there are no readings.
+    slew_still_sd, radius_still_sd : float or None
+        The same of a jib at rest, which jitter does not matter to; None if it is no less.
     clock_sd_s : float
         Standard deviation of what is still unknown of the clock's offset, s.
     notes : tuple of str
@@ -90,6 +92,8 @@ class Controller:
     rope: Array | None = None
     slew_sd: float = 0.0
     radius_sd: float = 0.0
+    slew_still_sd: float | None = None
+    radius_still_sd: float | None = None
     clock_sd_s: float = 0.0
     notes: tuple[str, ...] = ()
     hold_s: float = 0.0

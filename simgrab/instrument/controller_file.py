@@ -265,7 +265,7 @@ def read_controller(
     path = Path(path)
     notes: list[str] = []
     files: dict[Path, _Rows] = {}
-    series: dict[str, tuple[Array, Array, float]] = {}
+    series: dict[str, tuple[Array, Array, float, float]] = {}
     setpoints: dict[str, tuple[Array, Array]] = {}
     for name, quantity in facts.quantities.items():
         file = facts.file_of(quantity, path)
@@ -287,7 +287,7 @@ def read_controller(
     if "wind" in beside and not np.ptp(beside["wind"][:, 1]):
         notes.append(f"{path}: wind: the same reading throughout, and not used")
         del beside["wind"]
-    grid = max([time for time, _, _ in series.values()] or stamps, key=len)
+    grid = max([time for time, *_ in series.values()] or stamps, key=len)
     motion = [
         (series[name][0], one) for name, one in (("slew", facts.slew), ("radius", facts.radius or facts.luff)) if one
     ]
@@ -295,13 +295,13 @@ def read_controller(
     holes = np.flatnonzero(np.diff(grid) > facts.longest_gap_s)
     grid = np.insert(grid, holes + 1, (grid[holes] + grid[holes + 1]) / 2)
     found: dict[str, Any] = {**beside, "motion_late_s": max(late_s, default=0.0)}
-    for name, (time, values, sd) in series.items():
+    for name, (time, values, sd, still_sd) in series.items():
         joined = bridged(grid, time, values, facts.longest_gap_s)
         joined[(grid < time[0]) | (grid > time[-1])] = np.nan
         joined[holes + 1 + np.arange(len(holes))] = np.nan
         found[name] = joined
         if name != "rope":
-            found[f"{name}_sd"] = sd
+            found |= {f"{name}_sd": sd, f"{name}_still_sd": still_sd}
     if len(setpoints) == 1:
         notes.append(f"{path}: {next(iter(setpoints))}.setpoint is not used without that of the other drive")
     for axis, (time, values) in setpoints.items():
@@ -383,8 +383,8 @@ def _rows(path: Path, table: pa.Table, clock: ClockColumn, notes: list[str]) -> 
     return _Rows(path, table, kept, time[kept])
 
 
-def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Array, Array, float]:
-    """Return the readings of a quantity, SI: times (n,), values (n,) and the standard deviation of one."""
+def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Array, Array, float, float]:
+    """Return the readings of a quantity, SI: times (n,), values (n,), the standard deviation of one, and at rest."""
     where, scale = f"{rows.path}: {name}, column {quantity.column!r}", UNITS[quantity.unit]
     refuse = _Refusing(where, rows.kept, notes)
     cells, bad = _parsed(rows.path, rows.table, quantity.column, float)
@@ -424,11 +424,13 @@ def _series(rows: _Rows, name: str, quantity: Any, notes: list[str]) -> tuple[Ar
     _Refusing(where, at, notes)(values, ~believed, what)
     time, values = time[believed], values[believed]
     moving = float(np.quantile(np.abs(np.diff(values) / np.diff(time)), _MOVING))  # most of a record is rest
-    sd = math.hypot(quantity.resolution * scale / math.sqrt(12), moving * quantity.jitter)
+    still_sd = quantity.resolution * scale / math.sqrt(12)
+    sd = math.hypot(still_sd, moving * quantity.jitter)
     if name == "luff":
-        sd *= quantity.jib_m * float(np.sqrt(np.mean(np.sin(values) ** 2)))
+        lever = quantity.jib_m * float(np.sqrt(np.mean(np.sin(values) ** 2)))
+        sd, still_sd = sd * lever, still_sd * lever
         values = quantity.pivot_m + quantity.jib_m * np.cos(values)
-    return time - quantity.lag_s, values, sd
+    return time - quantity.lag_s, values, sd, still_sd
 
 
 def _setpoints(rows: _Rows, name: str, quantity: Slew | Radius | Luff, notes: list[str]) -> tuple[Array, Array]:

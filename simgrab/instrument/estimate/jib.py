@@ -22,6 +22,8 @@ STEP_S = 0.05  # of the grid on which the motion is described; of several readin
 REST_S = 10.0  # in which a jib without readings comes to rest
 SPEED = 2.0  # m/s, of luffing and of the jib head as it slews
 ROUNDS = 7
+AVERAGED_S = 1.0  # over which a speed is averaged for the effect of jitter
+SHARES = 0.02, 1.0  # of the stated jitter
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
 
 
@@ -66,11 +68,13 @@ class JibMotion:
         time = first + STEP_S * np.arange(int(np.ceil((last - first) / STEP_S)) + 1)
         radius, slew = np.full((len(time), 3), (RADIUS_M, 0.0, 0.0)), np.zeros((len(time), 3))
         if controller.radius is not None:
-            radius = smoothed(time, controller.time, controller.radius, controller.radius_sd)
+            sds = controller.radius_sd, controller.radius_still_sd
+            radius = smoothed(time, controller.time, controller.radius, *sds)
         reach = radius[:, 0]
         if controller.slew is not None:
             lever = float(reach.mean())
-            slew = smoothed(time, controller.time, controller.slew * lever, controller.slew_sd * lever) / lever
+            still_sd = None if controller.slew_still_sd is None else controller.slew_still_sd * lever
+            slew = smoothed(time, controller.time, controller.slew * lever, controller.slew_sd * lever, still_sd) / lever
         out = np.stack([np.cos(slew[:, 0]), np.sin(slew[:, 0])], axis=-1)
         across = np.stack([-out[:, 1], out[:, 0]], axis=-1)
         velocity = radius[:, 1:2] * out + (reach * slew[:, 1])[:, None] * across
@@ -166,10 +170,12 @@ class JibMotion:
         return CubicSpline(self.time[:-1], leans)
 
 
-def smoothed(at: Array, time: Array, position: Array, sd: float) -> Array:
+def smoothed(at: Array, time: Array, position: Array, sd: float, still_sd: float | None = None) -> Array:
     """Smooth a position: itself, rate and acceleration, shape (m, 3).
 
     A drive starts and brakes with jumps of the acceleration: jerk is rare and then large, which iterated weights allow.
+    Jitter of time stamps is an error of a position in proportion to its speed, at most as large as stated: it maximises
+    the likelihood of the readings, too.
 
     Parameters
     ----------
@@ -177,8 +183,8 @@ def smoothed(at: Array, time: Array, position: Array, sd: float) -> Array:
         Moments of a grid with steps of `STEP_S`.
     time, position : ndarray, shape (n,)
         Readings, m; NaN where one got lost.
-    sd : float
-        Standard deviation of a reading, m.
+    sd, still_sd : float
+        Standard deviation of a reading, m: the greatest, and that at rest, which is the same if None.
     """
     known = np.isfinite(position)
     nearest = np.clip(np.rint((time[known] - at[0]) / STEP_S).astype(int), 0, len(at) - 1)
@@ -195,9 +201,15 @@ def smoothed(at: Array, time: Array, position: Array, sd: float) -> Array:
     every = np.broadcast_to
     precision, off = np.linalg.inv(noise), np.where(seen, position[place] - start[:, 0], 0.0)
     rest = np.array([0.0, SPEED**-2.0, (SPEED / 5) ** -2.0]) * (STEP_S / REST_S)
-    readings = linear(row, np.zeros((k, 1, 0)), off[:, None], (seen / sd**2)[:, None, None]) + prior(
-        start, every(rest, (k, 3)), none, none
-    )
+    speed = scipy.ndimage.uniform_filter1d(np.abs(np.gradient(start[:, 0])), int(AVERAGED_S / h))
+    least2 = sd**2 if still_sd is None else still_sd**2
+    most2 = (sd**2 - least2) * (speed / max(float(speed.max()), 1e-9)) ** 2
+
+    def readings(share: float) -> Quadratic:
+        weight = seen / (least2 + share**2 * most2)
+        return linear(row, np.zeros((k, 1, 0)), off[:, None], weight[:, None, None]) + prior(
+            start, every(rest, (k, 3)), none, none
+        )
 
     def steps(weight: Array) -> Quadratic:
         return linear(
@@ -207,13 +219,16 @@ def smoothed(at: Array, time: Array, position: Array, sd: float) -> Array:
 
     alike = steps(np.ones(k - 1))
 
-    def minus_log(log: float) -> float:
-        return (readings + alike * np.exp(-log)).marginal() + 3 * (k - 1) * log
+    def minus_log(logs: Array) -> float:
+        share, jerk2 = np.exp(logs)
+        spread = float(np.sum(np.log(least2 + share**2 * most2[seen])))
+        return (readings(share) + alike * (1 / jerk2)).marginal() + 3 * (k - 1) * logs[1] + spread
 
-    most, options = np.log([1e-6, 1.0]), {"xatol": 0.1}
-    jerk2 = np.exp(scipy.optimize.minimize_scalar(minus_log, bounds=most, method="bounded", options=options).x)
-    weight = np.ones(k - 1)
+    bounds, options = np.log([SHARES, (1e-6, 1.0)]), {"xatol": 0.1, "fatol": 0.1}
+    best = scipy.optimize.minimize(minus_log, bounds.mean(axis=1), bounds=bounds, method="Nelder-Mead", options=options)
+    share, jerk2 = np.exp(best.x)
+    read, weight = readings(share), np.ones(k - 1)
     for _ in range(ROUNDS):
-        found = start + (readings + steps(weight) * (1 / jerk2)).minimise().states.reshape(-1, 3)
+        found = start + (read + steps(weight) * (1 / jerk2)).minimise().states.reshape(-1, 3)
         weight = 4 / (1 + 30 * (np.diff(found[:, 2]) ** 2 / (STEP_S * jerk2)))
     return np.asarray(found)
