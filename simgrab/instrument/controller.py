@@ -62,8 +62,6 @@ class Controller:
         \|OA\|, m.
     slew_sd, radius_sd : float
         Standard deviation of one reading, rad, m, from resolution and jitter; 0 where there are no readings.
-    slew_still_sd, radius_still_sd : float or None
-        The same of a jib at rest, which jitter does not matter to; None if it is no less.
     clock_sd_s : float
         Standard deviation of what is still unknown of the clock's offset, s.
     notes : tuple of str
@@ -84,6 +82,8 @@ class Controller:
         Speeds that are demanded of the drives, rad/s and m/s.
     motion_late_s : float
         How long after its time a reading of slew or radius is known.
+    slew_still_sd, radius_still_sd : float or None
+        As ``slew_sd`` and ``radius_sd``, of a jib at rest, to which jitter does no harm; None if that is no less.
     """
 
     time: Array
@@ -92,8 +92,6 @@ class Controller:
     rope: Array | None = None
     slew_sd: float = 0.0
     radius_sd: float = 0.0
-    slew_still_sd: float | None = None
-    radius_still_sd: float | None = None
     clock_sd_s: float = 0.0
     notes: tuple[str, ...] = ()
     hold_s: float = 0.0
@@ -105,6 +103,8 @@ class Controller:
     slew_setpoint: Array | None = None
     radius_setpoint: Array | None = None
     motion_late_s: float = 0.0
+    slew_still_sd: float | None = None
+    radius_still_sd: float | None = None
 
     @property
     def reports_motion(self) -> bool:

@@ -117,7 +117,10 @@ def _mistakes(controller: Controller) -> Iterator[tuple[str, Controller]]:
             # The least steps show the resolution, whose statement is as doubtful as that of the unit.
             steps = np.abs(np.diff(slew * DEGREES))
             sd = float(np.quantile(steps[steps > LEAST_STEP], 0.1)) / 12**0.5
-            yield "it follows with slewing angles in rad", replace(controller, slew=slew * DEGREES, slew_sd=sd, slew_still_sd=None)
+            yield (
+                "it follows with slewing angles in rad",
+                replace(controller, slew=slew * DEGREES, slew_sd=sd, slew_still_sd=None),
+            )
 
 
 def _stretch(record: PixelRecord, controller: Controller) -> tuple[PixelRecord, Controller]:

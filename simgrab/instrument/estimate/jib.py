@@ -15,7 +15,7 @@ import scipy
 from scipy.interpolate import CubicSpline
 
 from simgrab.instrument.controller import RADIUS_M, Controller
-from simgrab.instrument.estimate.chain import Quadratic, linear, prior
+from simgrab.instrument.estimate.chain import Quadratic, linear, prior, state_covariances
 from simgrab.model.geometry import STANDARD_GRAVITY, Array
 
 STEP_S = 0.05  # of the grid on which the motion is described; of several readings in a step the last counts
@@ -25,6 +25,7 @@ ROUNDS = 7
 AVERAGED_S = 1.0  # over which a speed is averaged for the effect of jitter
 SHARES = 0.02, 1.0  # of the stated jitter
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
+SWAY_S = 1.0  # for which an error of the acceleration makes a camera lean that levels itself: half its period
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +41,16 @@ class JibMotion:
         (2, jib frame).
     drifts : tuple of tuples of 2 floats
         Of each kind of error of the direction of sight the noise that drives it, rad/√s per axis, and the time after
-        which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first.
+        which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first. With a
+        controller the first is that of apparent gravity, over ``unsure``.
     controller : Controller or None
         What reports the hoisted mass.
     wind_m_s : float
         Mean wind, m/s; 0 where it is not known.
     radius_m : float
         Mean radius; 0 where none is reported.
+    unsure : ndarray, shape (m,), or None
+        Standard deviation of apparent gravity per axis, from errors of the controller's readings, rad.
     """
 
     time: Array
@@ -55,6 +59,7 @@ class JibMotion:
     controller: Controller | None = None
     wind_m_s: float = 0.0
     radius_m: float = 0.0
+    unsure: Array | None = None
 
     @classmethod
     def at_rest(cls) -> JibMotion:
@@ -66,20 +71,22 @@ class JibMotion:
         """Smooth the readings of a controller."""
         first, last = controller.time[[0, -1]]
         time = first + STEP_S * np.arange(int(np.ceil((last - first) / STEP_S)) + 1)
-        radius, slew = np.full((len(time), 3), (RADIUS_M, 0.0, 0.0)), np.zeros((len(time), 3))
+        radius, slew = np.full((len(time), 4), (RADIUS_M, 0.0, 0.0, 0.0)), np.zeros((len(time), 4))
         if controller.radius is not None:
-            sds = controller.radius_sd, controller.radius_still_sd
+            sds = controller.radius_sd, controller.radius_still_sd or controller.radius_sd
             radius = smoothed(time, controller.time, controller.radius, *sds)
         reach = radius[:, 0]
         if controller.slew is not None:
             lever = float(reach.mean())
-            still_sd = None if controller.slew_still_sd is None else controller.slew_still_sd * lever
-            slew = smoothed(time, controller.time, controller.slew * lever, controller.slew_sd * lever, still_sd) / lever
+            sds = controller.slew_sd * lever, lever * (controller.slew_still_sd or controller.slew_sd)
+            slew = smoothed(time, controller.time, controller.slew * lever, *sds) / lever
         out = np.stack([np.cos(slew[:, 0]), np.sin(slew[:, 0])], axis=-1)
         across = np.stack([-out[:, 1], out[:, 0]], axis=-1)
         velocity = radius[:, 1:2] * out + (reach * slew[:, 1])[:, None] * across
         course = np.column_stack([slew[:, 0], reach - reach.mean(), velocity, np.zeros_like(velocity)])
-        return cls(time, course, radius_m=0.0 if controller.radius is None else float(reach.mean()))
+        radius_m = 0.0 if controller.radius is None else float(reach.mean())
+        unsure = np.hypot(radius[:, 3], reach * slew[:, 3]) / (np.sqrt(2) * STANDARD_GRAVITY)
+        return cls(time, course, radius_m=radius_m, unsure=unsure).wandering(1.0, SWAY_S)
 
     @property
     def sensed(self) -> bool:
@@ -90,16 +97,22 @@ class JibMotion:
         """Return a copy with a further error of the direction of sight of this standard deviation, rad per axis."""
         return replace(self, drifts=(*self.drifts, (sd * np.sqrt(2 / memory_s), memory_s)))
 
-    def drifted(self, step: Array) -> tuple[Array, Array]:
-        """Variances per axis (m,), rad², of these errors at first, and what they gain in steps (k,) of so many seconds.
+    def drifted(self, time: Array, follows: float) -> tuple[Array, Array]:
+        """Variances per axis (m,), rad², of these errors at first, and what they gain between moments (k,).
 
-        The latter have shape (k, m).
+        The latter have shape (k − 1, m). A camera follows errors of apparent gravity by the same share as the latter.
         """
+        step = np.diff(time)
         noise, memory_s = np.array(self.drifts).T
         walks = np.isinf(memory_s)
         variance = np.where(walks, 1.0, noise**2 * np.where(walks, 1.0, memory_s) / 2)
         gained = np.where(walks, noise**2 * step[:, None], -variance * np.expm1(-2 * step[:, None] / memory_s))
-        return np.where(walks, LEVEL_SD**2, variance), gained
+        begun = np.where(walks, LEVEL_SD**2, variance)
+        if self.unsure is not None:
+            leans = np.maximum(follows**2 * np.interp(time, self.time, self.unsure**2), LEVEL_SD**2)
+            begun[0] *= leans[0]
+            gained[:, 0] *= leans[1:]
+        return begun, gained
 
     @property
     def moves(self) -> bool:
@@ -170,8 +183,8 @@ class JibMotion:
         return CubicSpline(self.time[:-1], leans)
 
 
-def smoothed(at: Array, time: Array, position: Array, sd: float, still_sd: float | None = None) -> Array:
-    """Smooth a position: itself, rate and acceleration, shape (m, 3).
+def smoothed(at: Array, time: Array, position: Array, sd: float, still_sd: float) -> Array:
+    """Smooth a position: itself, rate, acceleration and the latter's standard deviation, shape (m, 4).
 
     A drive starts and brakes with jumps of the acceleration: jerk is rare and then large, which iterated weights allow.
     Jitter of time stamps is an error of a position in proportion to its speed, at most as large as stated: it maximises
@@ -184,7 +197,7 @@ def smoothed(at: Array, time: Array, position: Array, sd: float, still_sd: float
     time, position : ndarray, shape (n,)
         Readings, m; NaN where one got lost.
     sd, still_sd : float
-        Standard deviation of a reading, m: the greatest, and that at rest, which is the same if None.
+        Standard deviation of a reading, m: the greatest, and that at rest.
     """
     known = np.isfinite(position)
     nearest = np.clip(np.rint((time[known] - at[0]) / STEP_S).astype(int), 0, len(at) - 1)
@@ -202,11 +215,10 @@ def smoothed(at: Array, time: Array, position: Array, sd: float, still_sd: float
     precision, off = np.linalg.inv(noise), np.where(seen, position[place] - start[:, 0], 0.0)
     rest = np.array([0.0, SPEED**-2.0, (SPEED / 5) ** -2.0]) * (STEP_S / REST_S)
     speed = scipy.ndimage.uniform_filter1d(np.abs(np.gradient(start[:, 0])), int(AVERAGED_S / h))
-    least2 = sd**2 if still_sd is None else still_sd**2
-    most2 = (sd**2 - least2) * (speed / max(float(speed.max()), 1e-9)) ** 2
+    jitter2 = (sd**2 - still_sd**2) * (speed / max(float(speed.max()), 1e-9)) ** 2
 
     def readings(share: float) -> Quadratic:
-        weight = seen / (least2 + share**2 * most2)
+        weight = seen / (still_sd**2 + share**2 * jitter2)
         return linear(row, np.zeros((k, 1, 0)), off[:, None], weight[:, None, None]) + prior(
             start, every(rest, (k, 3)), none, none
         )
@@ -221,14 +233,17 @@ def smoothed(at: Array, time: Array, position: Array, sd: float, still_sd: float
 
     def minus_log(logs: Array) -> float:
         share, jerk2 = np.exp(logs)
-        spread = float(np.sum(np.log(least2 + share**2 * most2[seen])))
+        spread = float(np.sum(np.log(still_sd**2 + share**2 * jitter2[seen])))
         return (readings(share) + alike * (1 / jerk2)).marginal() + 3 * (k - 1) * logs[1] + spread
 
-    bounds, options = np.log([SHARES, (1e-6, 1.0)]), {"xatol": 0.1, "fatol": 0.1}
-    best = scipy.optimize.minimize(minus_log, bounds.mean(axis=1), bounds=bounds, method="Nelder-Mead", options=options)
+    bounds = np.log([SHARES, (1e-6, 1.0)])
+    start_at = bounds.mean(axis=1)
+    options = {"xatol": 0.1, "fatol": 0.1, "initial_simplex": start_at + 2 * np.eye(3, 2)}
+    best = scipy.optimize.minimize(minus_log, start_at, bounds=bounds, method="Nelder-Mead", options=options)
     share, jerk2 = np.exp(best.x)
     read, weight = readings(share), np.ones(k - 1)
     for _ in range(ROUNDS):
-        found = start + (read + steps(weight) * (1 / jerk2)).minimise().states.reshape(-1, 3)
+        minimum = (read + steps(weight) * (1 / jerk2)).minimise()
+        found = start + minimum.states.reshape(-1, 3)
         weight = 4 / (1 + 30 * (np.diff(found[:, 2]) ** 2 / (STEP_S * jerk2)))
-    return np.asarray(found)
+    return np.column_stack([found, np.sqrt(state_covariances(minimum, 3)[:, 2, 2])])

@@ -14,6 +14,7 @@ from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.pendulum import (
     CLOCK,
     DEGREES,
+    FOLLOWS,
     FREQUENCY,
     LEVELLING,
     LONGER,
@@ -209,8 +210,11 @@ def _linearised(
     steady[WIND] = priors.steady
     slow += prior(path, starts * loose, parameters, steady)
     fixed = prior(path, starts * first, parameters - priors.mean, np.asarray(priors.sd**-2.0))
+    spread = 0.0
     if priors.jib.drifts:
-        held, (begun, added) = np.zeros((k, d)), priors.jib.drifted(np.diff(nodes.time))
+        held, at = np.zeros((k, d)), nodes.time + parameters[CLOCK]
+        begun, added = priors.jib.drifted(at, float(parameters[FOLLOWS]))
+        spread = float(np.sum(np.log(begun)) + np.sum(np.log(added)))
         held[0, STATE:] = np.repeat(1 / begun, 2)
         walk = of_axes(np.eye(len(begun)) / added[:, None], STATE, d)
         fixed += linear(-by_state, -by_parameter, residual, walk, ahead) + prior(
@@ -226,7 +230,7 @@ def _linearised(
     least_and_most = (max(GUSTS[0], priors.gusts), GUSTS[1]) if priors.jib.moves else ANY_FORCE
     posterior = Weighed(
         fixed, fast, places, slow, int(joined.sum()), int(nodes.seen.sum()), leans, priors.focal_px,
-        LEAST_SENSED if priors.jib.sensed else 1e-9, least_and_most,
+        LEAST_SENSED if priors.jib.sensed else 1e-9, least_and_most, spread,
     )  # fmt: skip
     return posterior, weight, error2, free
 

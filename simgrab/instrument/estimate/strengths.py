@@ -33,6 +33,8 @@ class Weighed:
         Least white acceleration.
     slow_range : tuple of 2 floats
         Least and greatest slow forcing.
+    spread : float
+        Sum of the logarithms of the variances of drifts per axis, which ``fixed`` has the inverses of.
     """
 
     fixed: Quadratic
@@ -45,6 +47,7 @@ class Weighed:
     focal_px: float
     least_fast: float
     slow_range: tuple[float, float]
+    spread: float
 
     def at(self, strengths: Array) -> Quadratic:
         """Return the sum of the parts, at strengths (3,)."""
@@ -54,7 +57,7 @@ class Weighed:
     def cost(self, strengths: Array) -> float:
         """Minus the logarithm of the record's likelihood (Laplace) at strengths (3,), without a constant."""
         terms = np.array([2 * self.links, 2 * self.seen, 2 * self.leans - 0.25])
-        return float(0.5 * self.at(strengths).marginal() + terms @ strengths)
+        return float(0.5 * self.at(strengths).marginal() + terms @ strengths + self.spread)
 
     def search(self, strengths: Array, *, wide: bool) -> Array:
         """Strengths (3,) of maximum likelihood (Laplace), with a prior as the fourth root of the slow one.
