@@ -25,7 +25,10 @@ ROUNDS = 7
 AVERAGED_S = 1.0  # over which a speed is averaged for the effect of jitter
 SHARES = 0.02, 1.0  # of the stated jitter
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
-SWAY_S = 1.0  # for which an error of the acceleration makes a camera lean that levels itself: half its period
+# Times (s) of a second-order low-pass by which a camera that levels itself follows an error of the acceleration; with
+# this noise, rad/√s, it leans by 1 rad, and by no less than the last.
+SWAY_S, LEAST_SWAY = (0.5, 0.3), 3e-5
+SWAY = (sum(SWAY_S) / 2 - 2 / sum(1 / t for t in SWAY_S)) ** -0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,7 @@ class JibMotion:
     drifts : tuple of tuples of 2 floats
         Of each kind of error of the direction of sight the noise that drives it, rad/√s per axis, and the time after
         which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first. With a
-        controller the first is that of apparent gravity, over ``unsure``.
+        controller the first two, of one noise, are the camera's lean by errors of apparent gravity, over ``unsure``.
     controller : Controller or None
         What reports the hoisted mass.
     wind_m_s : float
@@ -86,7 +89,7 @@ class JibMotion:
         course = np.column_stack([slew[:, 0], reach - reach.mean(), velocity, np.zeros_like(velocity)])
         radius_m = 0.0 if controller.radius is None else float(reach.mean())
         unsure = np.hypot(radius[:, 3], reach * slew[:, 3]) / (np.sqrt(2) * STANDARD_GRAVITY)
-        return cls(time, course, radius_m=radius_m, unsure=unsure).wandering(1.0, SWAY_S)
+        return cls(time, course, ((SWAY, SWAY_S[0]), (-SWAY, SWAY_S[1])), radius_m=radius_m, unsure=unsure)
 
     @property
     def sensed(self) -> bool:
@@ -98,21 +101,21 @@ class JibMotion:
         return replace(self, drifts=(*self.drifts, (sd * np.sqrt(2 / memory_s), memory_s)))
 
     def drifted(self, time: Array, follows: float) -> tuple[Array, Array]:
-        """Variances per axis (m,), rad², of these errors at first, and what they gain between moments (k,).
+        """Variances per axis (m,), rad², of these errors at first, and the covariance they gain between moments (k,).
 
-        The latter have shape (k − 1, m). A camera follows errors of apparent gravity by the same share as the latter.
+        The latter has shape (k − 1, m, m). A camera follows errors of apparent gravity by the same share as the latter.
         """
-        step = np.diff(time)
-        noise, memory_s = np.array(self.drifts).T
-        walks = np.isinf(memory_s)
-        variance = np.where(walks, 1.0, noise**2 * np.where(walks, 1.0, memory_s) / 2)
-        gained = np.where(walks, noise**2 * step[:, None], -variance * np.expm1(-2 * step[:, None] / memory_s))
-        begun = np.where(walks, LEVEL_SD**2, variance)
+        (noise, memory_s), step = np.array(self.drifts).T, np.diff(time)[:, None, None]
+        fading, alike = np.add.outer(1 / memory_s, 1 / memory_s), np.eye(len(noise))
+        scale = np.ones((len(time), *fading.shape))
         if self.unsure is not None:
-            leans = np.maximum(follows**2 * np.interp(time, self.time, self.unsure**2), LEVEL_SD**2)
-            begun[0] *= leans[0]
-            gained[:, 0] *= leans[1:]
-        return begun, gained
+            alike[:2, :2] = 1.0
+            leans = np.maximum(follows**2 * np.interp(time, self.time, self.unsure**2), LEAST_SWAY**2)
+            scale[:, :2, :2] = leans[:, None, None]
+        walks, noise2 = fading == 0, alike * np.outer(noise, noise)
+        fading = np.where(walks, 1.0, fading)
+        begun = np.diag(np.where(walks, LEVEL_SD**2, scale[0] * noise2 / fading))
+        return begun, scale[1:] * noise2 * np.where(walks, step, -np.expm1(-step * fading) / fading)
 
     @property
     def moves(self) -> bool:

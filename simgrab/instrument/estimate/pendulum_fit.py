@@ -214,9 +214,9 @@ def _linearised(
     if priors.jib.drifts:
         held, at = np.zeros((k, d)), nodes.time + parameters[CLOCK]
         begun, added = priors.jib.drifted(at, float(parameters[FOLLOWS]))
-        spread = float(np.sum(np.log(begun)) + np.sum(np.log(added)))
+        spread = float(np.sum(np.log(begun)) + np.sum(np.linalg.slogdet(added)[1]))
         held[0, STATE:] = np.repeat(1 / begun, 2)
-        walk = of_axes(np.eye(len(begun)) / added[:, None], STATE, d)
+        walk = of_axes(np.asarray(np.linalg.inv(added)), STATE, d)
         fixed += linear(-by_state, -by_parameter, residual, walk, ahead) + prior(
             path, held, parameters, np.zeros_like(parameters)
         )
