@@ -94,7 +94,8 @@ class Quantity(Checked, frozen=True, kw_only=True):
     lag_s : float
         How late readings are stamped.
     jitter_s : float, optional
-        Standard deviation of the lag; by default that of a reading of any age up to one period.
+        Standard deviation of the lag; by default that of a reading of any age up to one period. Estimators of a whole
+        record take it as the greatest possible one.
     file : str
         File beside the description, if the column is in another one.
     """

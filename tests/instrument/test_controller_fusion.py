@@ -13,6 +13,7 @@ import simgrab
 from simgrab.errors import CalibrationError
 from simgrab.instrument.controller import Controller, Radii
 from simgrab.instrument.estimate import PendulumSmoother
+from simgrab.instrument.estimate.doubts import follows
 from simgrab.instrument.estimate.follow import Known, follow, known
 from simgrab.instrument.estimate.intervals import IntervalSettings
 from simgrab.instrument.estimate.jib import STEP_S, JibMotion
@@ -69,6 +70,34 @@ def test_coarse_readings_give_the_acceleration():
     np.testing.assert_allclose(late, found, atol=0.01)
 
 
+def unsure_of_stamps(reports, jitter_s):
+    """State a jitter: at the greatest speeds it puts readings off by as much as a controller's file would say."""
+    (of_slew, of_radius), still = (jitter_s * np.array([0.07, 0.7])), (reports.slew_sd, reports.radius_sd)
+    return replace(
+        reports, slew_sd=np.hypot(of_slew, still[0]), radius_sd=np.hypot(of_radius, still[1]), slew_still_sd=still[0],
+        radius_still_sd=still[1],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("stale", [False, True])
+def test_readings_show_how_much_their_time_stamps_jitter(stale):
+    time, jib, velocity = course()
+    at, ages = np.arange(2.0, 76.0, 0.11), np.random.default_rng(1).uniform(0, 0.5 * stale, 160)
+    exact = controller(time, jib, 2.0, 0.1)
+    slew, radius = (CubicSpline(time, one)(exact.time - ages[: len(exact.time)]) for one in jib.T)
+    exact = replace(exact, slew=slew, radius=radius) if stale else exact
+    jitter_s = 0.5 / np.sqrt(12)
+    truth = np.diff([np.interp(at - 0.25 * stale, time, v) for v in velocity.T]).T / 0.11
+
+    def error(reports):
+        return np.sqrt(np.mean((JibMotion.of(reports).acceleration(at) - truth) ** 2))
+
+    stated = unsure_of_stamps(exact, jitter_s)
+    assert error(stated) < (0.06 if stale else 0.04)
+    blunt = exact if stale else replace(stated, slew_still_sd=None, radius_still_sd=None)
+    assert error(blunt) > 1.3 * error(stated)  # with no jitter, or all readings off by as much as the fastest
+
+
 def test_the_camera_levels_itself_as_the_worlds_does():
     time, jib, velocity = course()
     motion = JibMotion(time[::5], np.column_stack([jib[::5, 0], jib[::5, 1] - 25, velocity[::5]]))
@@ -122,6 +151,20 @@ def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount, lag_
     assert abs(found.diagnostics["clock_s"] + lag_s) < 3 * found.diagnostics["clock_sd_s"] < 0.6
     assert found.diagnostics["follows"] == pytest.approx(float(mount == "levelled"), abs=0.1)
     assert np.degrees(found.diagnostics["pitch_per_m"]) == pytest.approx(2.0 * (mount == "rigid"), abs=0.2)
+
+
+def test_with_few_readings_a_camera_leans_otherwise_than_the_pendulum_swings():
+    """What they do not show of hard braking is neither a shorter pendulum nor a force on it."""
+    keys = {"frames": 900, "seed": 302, "camera.mount": {"model": "levelled"}}
+    crane = swinging.record(fixed=False, scene="alarm-cycles", **keys)
+    noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
+    reports = unsure_of_stamps(controller(crane.time, crane.jib, 2.0, 0.1), 0.5 / np.sqrt(12))
+    found = PendulumSmoother(controller=reports, wander_px=1.3).estimate(
+        noisy, crane.calibration, rope_length=np.round(crane.rope, 2), time=crane.time
+    )
+    assert follows(found)
+    assert crane.rms_deg(found) < 0.12
+    assert crane.covered(found) > 0.9
 
 
 def test_a_reported_load_separates_the_lean_in_a_wind_from_tilt():
