@@ -93,7 +93,7 @@ def test_readings_show_how_much_their_time_stamps_jitter(stale):
         return np.sqrt(np.mean((JibMotion.of(reports).acceleration(at) - truth) ** 2))
 
     stated = unsure_of_stamps(exact, jitter_s)
-    assert error(stated) < (0.06 if stale else 0.04)
+    assert error(stated) < (0.06 if stale else 0.025)
     blunt = exact if stale else replace(stated, slew_still_sd=None, radius_still_sd=None)
     assert error(blunt) > 1.3 * error(stated)  # with no jitter, or all readings off by as much as the fastest
 
@@ -155,7 +155,7 @@ def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount, lag_
 
 def test_with_few_readings_a_camera_leans_otherwise_than_the_pendulum_swings():
     """What they do not show of hard braking is neither a shorter pendulum nor a force on it."""
-    keys = {"frames": 900, "seed": 302, "camera.mount": {"model": "levelled"}}
+    keys = {"frames": 900, "seed": 301, "camera.mount": {"model": "levelled"}}
     crane = swinging.record(fixed=False, scene="alarm-cycles", **keys)
     noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
     reports = unsure_of_stamps(controller(crane.time, crane.jib, 2.0, 0.1), 0.5 / np.sqrt(12))
