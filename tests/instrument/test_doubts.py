@@ -61,7 +61,7 @@ def test_a_mistake_that_alone_explains_it_is_named(mount, seed, mistake, named):
 
 def test_errors_of_pixels_that_last_and_are_not_stated_are_no_contradiction():
     record, camera, reports = given("levelled", 101)
-    lasting = 4.0 * lfilter([0.15], [1.0, -0.99], np.random.default_rng(4).normal(size=record.pixels.shape), axis=0)
+    lasting = 8.0 * lfilter([0.15], [1.0, -0.99], np.random.default_rng(4).normal(size=record.pixels.shape), axis=0)
     record = replace(record, pixels=record.pixels + lasting)
     estimator = PendulumSmoother(controller=reports)
     found = estimator.estimate(record.pixels, camera, rope_length=record.rope_length, time=record.time)
