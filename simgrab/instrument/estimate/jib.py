@@ -25,8 +25,8 @@ ROUNDS = 7
 AVERAGED_S = 1.0  # over which a speed is averaged for the effect of jitter
 SHARES = 0.02, 1.0  # of the stated jitter
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
-# Times (s) of a second-order low-pass by which a camera that levels itself follows an error of the acceleration; with
-# this noise, rad/√s, it leans by 1 rad, and by no less than the last.
+# A camera that levels itself follows an error of the acceleration as a low-pass of second order, with these times, s.
+# Its lean has the standard deviation 1 with the noise `SWAY`, 1/√s; it is taken to be no less than `LEAST_SWAY`, rad.
 SWAY_S, LEAST_SWAY = (0.5, 0.3), 3e-5
 SWAY = (sum(SWAY_S) / 2 - 2 / sum(1 / t for t in SWAY_S)) ** -0.5
 
