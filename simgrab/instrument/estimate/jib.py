@@ -23,6 +23,7 @@ REST_S = 10.0  # in which a jib without readings comes to rest
 SPEED = 2.0  # m/s, of luffing and of the jib head as it slews
 ROUNDS = 7
 AVERAGED_S = 1.0  # over which a speed is averaged for the effect of jitter
+CALM = 2e-4  # rad, of a lean by wind, below which its direction is any
 SHARES = 0.02, 1.0  # of the stated jitter
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
 # A camera that levels itself follows an error of the acceleration as a low-pass of second order, with these times, s.
@@ -142,13 +143,14 @@ class JibMotion:
     def by_wind(self, lean: Array, time: Array) -> Array:
         """Lean by a steady wind (2,) between moments (k,), level frame, rad, shape (k − 1, 2).
 
-        It grows with the square of the air's speed past O, which moves.
+        It grows with the square of the air's speed past O, which moves. About no lean, `CALM`, it is smooth.
         """
-        strength = float(np.hypot(*lean))
-        if not self.wind_m_s or not strength:
+        if not self.wind_m_s:
             return np.tile(lean, (len(time) - 1, 1))
-        past = lean / strength - self.at((time[1:] + time[:-1]) / 2)[:, 2:4] / self.wind_m_s
-        return np.asarray(strength * np.hypot(*past.T)[:, None] * past)
+        moved = self.at((time[1:] + time[:-1]) / 2)[:, 2:4] / self.wind_m_s
+        along = lean / np.hypot(CALM, np.hypot(*lean))
+        past = np.sqrt(1 - 2 * moved @ along + np.sum(moved**2, axis=-1))
+        return np.asarray(past[:, None] * (lean - along @ lean * moved))
 
     def levelled(self, frequency: float, damping: float, time: Array) -> Array:
         """Lean (k, 2) at moments (k,) of a camera that hangs by gravity: a damped pendulum in the jib frame.
