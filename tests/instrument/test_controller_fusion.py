@@ -16,7 +16,7 @@ from simgrab.instrument.estimate import PendulumSmoother
 from simgrab.instrument.estimate.doubts import follows
 from simgrab.instrument.estimate.follow import Known, follow, known
 from simgrab.instrument.estimate.intervals import IntervalSettings
-from simgrab.instrument.estimate.jib import STEP_S, JibMotion
+from simgrab.instrument.estimate.jib import STEP_S, SWAY_S, JibMotion
 from simgrab.instrument.estimate.pendulum import PARAMETERS, Links, advance
 from simgrab.instrument.estimate.pendulum_fit import _digging
 from simgrab.io.strict import convert
@@ -113,6 +113,24 @@ def test_the_camera_levels_itself_as_the_worlds_does():
     assert np.abs(found - truth)[:-10].max() < 1e-3
 
 
+def test_an_error_of_the_velocity_moves_the_grab_as_one_of_the_acceleration():
+    time, heading, (t1, t2), rope = np.arange(0, 4, 0.01), 0.7, SWAY_S, 12.0
+    course = np.tile([heading, 0, 0, 0, 0, 0], (len(time), 1))
+    jib = replace(JibMotion.of(controller(time, course[:, :2] + [0, 25])), time=time, course=course)
+    links = Links(np.full(1, 0.01), np.full(1, rope), np.full(1, rope), rope, np.array(SWAY_S), jib.pushed(time[:2]))
+    lean, still = np.array([0.003, -0.002]), np.zeros(PARAMETERS)  # of the camera; it fades
+    level = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]]) @ lean
+    x = np.concatenate([np.zeros(6), 2 * lean, -lean])[None]
+    speed = G * np.sqrt(t1 * t2) * level / rope  # of the grab over the rope's length
+    y, plain = np.concatenate([np.zeros(2), speed, np.zeros(2)])[None], replace(links, memory_s=np.empty(0), pushed=0.0)
+    for at in time + 0.005:
+        x = advance(x, still, links)
+        gained = 2 * np.exp(-at / t1) / t1 - np.exp(-at / t2) / t2  # the lean's rate, with opposite sign
+        y = advance(y, still, plain, rope * speed * gained)
+    assert np.hypot(*y[0, :2]) > 2e-4
+    np.testing.assert_allclose(x[0, :4], y[0, :4], atol=5e-6)
+
+
 def test_the_lean_by_wind_follows_the_air_past_the_jib_head():
     """A jib head that moves with the wind feels none, and one that meets it at its speed feels four times the lean."""
     time, lean = np.arange(0, 40, 0.5), np.array([0.003, 0.004])
@@ -156,9 +174,10 @@ def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount, lag_
     assert np.degrees(found.diagnostics["pitch_per_m"]) == pytest.approx(2.0 * (mount == "rigid"), abs=0.2)
 
 
-def test_with_few_readings_a_camera_leans_otherwise_than_the_pendulum_swings():
-    """What they do not show of hard braking is neither a shorter pendulum nor a force on it."""
-    keys = {"frames": 900, "seed": 301, "camera.mount": {"model": "levelled"}}
+@pytest.mark.parametrize("mount", ["levelled", "rigid"])
+def test_with_few_readings_what_they_do_not_show_of_hard_braking_widens_intervals(mount):
+    """It moves the grab and tilts a camera that levels itself, and is neither a shorter pendulum nor another force."""
+    keys = {"frames": 900, "seed": 301, "camera.mount": {"model": mount}}
     crane = swinging.record(fixed=False, scene="alarm-cycles", **keys)
     noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
     reports = unsure_of_stamps(controller(crane.time, crane.jib, 2.0, 0.1), 0.5 / np.sqrt(12))

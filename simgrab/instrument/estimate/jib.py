@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from simgrab.instrument.controller import RADIUS_M, Controller
@@ -26,9 +27,9 @@ AVERAGED_S = 1.0  # over which a speed is averaged for the effect of jitter
 CALM = 2e-4  # rad, of a lean by wind, below which its direction is any
 SHARES = 0.02, 1.0  # of the stated jitter
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
-# A camera that levels itself follows an error of the acceleration as a low-pass of second order, with these times, s.
-# Its lean has the standard deviation 1 with the noise `SWAY`, 1/√s; it is taken to be no less than `LEAST_SWAY`, rad.
-SWAY_S, LEAST_SWAY = (0.5, 0.3), 3e-5
+# Errors of O's velocity, and with them those of the lean of a camera that levels itself, are low-passes of second order
+# with these times, s, of noise. With the noise `SWAY`, 1/√s, they have the standard deviation 1.
+SWAY_S = (0.5, 0.3)
 SWAY = (sum(SWAY_S) / 2 - 2 / sum(1 / t for t in SWAY_S)) ** -0.5
 
 
@@ -46,7 +47,7 @@ class JibMotion:
     drifts : tuple of tuples of 2 floats
         Of each kind of error of the direction of sight the noise that drives it, rad/√s per axis, and the time after
         which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first. With a
-        controller the first two, of one noise, are the camera's lean by errors of apparent gravity, over ``unsure``.
+        controller the first two, of one noise and over ``unsure``, are errors of O's velocity and so of the lean.
     controller : Controller or None
         What reports the hoisted mass.
     wind_m_s : float
@@ -101,22 +102,39 @@ class JibMotion:
         """Return a copy with a further error of the direction of sight of this standard deviation, rad per axis."""
         return replace(self, drifts=(*self.drifts, (sd * np.sqrt(2 / memory_s), memory_s)))
 
-    def drifted(self, time: Array, follows: float) -> tuple[Array, Array]:
+    def drifted(self, time: Array) -> tuple[Array, Array]:
         """Variances per axis (m,), rad², of these errors at first, and the covariance they gain between moments (k,).
 
-        The latter has shape (k − 1, m, m). A camera follows errors of apparent gravity by the same share as the latter.
+        The latter has shape (k − 1, m, m).
         """
         (noise, memory_s), step = np.array(self.drifts).T, np.diff(time)[:, None, None]
         fading, alike = np.add.outer(1 / memory_s, 1 / memory_s), np.eye(len(noise))
         scale = np.ones((len(time), *fading.shape))
         if self.unsure is not None:
             alike[:2, :2] = 1.0
-            leans = np.maximum(follows**2 * np.interp(time, self.time, self.unsure**2), LEAST_SWAY**2)
-            scale[:, :2, :2] = leans[:, None, None]
+            scale[:, :2, :2] = np.interp(time, self.time, self.unsure**2)[:, None, None]
         walks, noise2 = fading == 0, alike * np.outer(noise, noise)
         fading = np.where(walks, 1.0, fading)
         begun = np.diag(np.where(walks, LEVEL_SD**2, scale[0] * noise2 / fading))
         return begun, scale[1:] * noise2 * np.where(walks, step, -np.expm1(-step * fading) / fading)
+
+    def seen(self, follows: float) -> Array:
+        """Share of each of these errors (m,) in the direction of sight of a camera that follows apparent gravity."""
+        seen = np.ones(len(self.drifts))
+        if self.unsure is not None:
+            seen[:2] = follows
+        return seen
+
+    def pushed(self, time: Array) -> NDArray[np.complex128]:
+        """Way of O (k − 1, m) between moments (k,) by 1 rad of each of these errors, level frame, x + iy, m.
+
+        Over √(τ₁τ₂) the acceleration's error in g, summed up, is as large as itself: it is that of a lean.
+        """
+        way = np.zeros((len(time) - 1, len(self.drifts)), complex)
+        if self.unsure is not None:
+            lasting = -np.expm1(np.diff(time)[:, None] / -np.array(SWAY_S)) * SWAY_S
+            way[:, :2] = STANDARD_GRAVITY * np.sqrt(np.prod(SWAY_S)) * lasting
+        return way * np.exp(1j * self.at(time[:-1])[:, :1])
 
     @property
     def moves(self) -> bool:

@@ -10,7 +10,7 @@ would come to rest. Its correlation decays exponentially.
 does not turn with the jib. `JibMotion` gives the jib's heading in it, the acceleration of O, and how the camera leans;
 all are 0 where neither a controller nor an inertial sensor reports them. An inertial sensor's lean is wrong by the tilt
 and by a drift, which are two more numbers of the state. A detector's errors that last for seconds look the same,
-and are two more again.
+and are two more again. With a controller four are the errors of O's velocity, which move the grab and tilt a camera.
 
 The lever, times the lean of the ropes, is the displacement of the grab. It is shorter than the rope where the grab
 leans less than its ropes do, as on four ropes. Forces and gravity act on the lean of the ropes; s is the lean of OA.
@@ -64,6 +64,8 @@ class Links:
         The fixed length that scales p, m.
     memory_s : ndarray, shape (d/2 − 3,)
         Correlation times of pairs of states beyond the sixth.
+    pushed : ndarray, shape (k, d/2 − 3), or 0.0
+        Way of O in the step by 1 rad of such a pair, x + iy, m.
     """
 
     step: Array
@@ -71,6 +73,7 @@ class Links:
     after: Array
     length: float
     memory_s: Array = field(default_factory=lambda: np.empty(0))
+    pushed: Complex | float = 0.0
 
     @property
     def fast(self) -> Array:
@@ -201,6 +204,7 @@ def advance(
     s4, p4 = rates(s + h * s3, p + h * p3, after)
     fade = np.exp(-h[:, None] / np.append(MEMORY_S, links.memory_s))
     moved = (s + h / 6 * (s1 + 2 * s2 + 2 * s3 + s4)) * (levers[1] / links.after)
+    moved += np.sum(z[:, 3:] * links.pushed, axis=-1) / links.after
     pushed = (p + h / 6 * (p1 + 2 * p2 + 2 * p3 + p4)) / links.length**2
     return np.column_stack([moved, pushed, z[:, 2:] * fade]).view(np.float64)
 
@@ -230,9 +234,9 @@ def camera(parameters: Array, time: Array, jib: JibMotion, drift: Array | float 
     return level_from_jib @ jib_from_rolled @ rotation_z(-parameters[ROLL]), level_from_jib @ parameters[OFFSET]
 
 
-def drifted(x: Array) -> Array:
-    """Error (..., 2) of the direction of sight in states (..., d): the sum of its kinds, jib frame, rad."""
-    return np.stack([x[..., STATE::2].sum(axis=-1), x[..., STATE + 1 :: 2].sum(axis=-1)], axis=-1)
+def drifted(x: Array, shares: Array) -> Array:
+    """Error (..., 2) of the direction of sight in states (..., d), jib frame, rad: the sum of shares of its kinds."""
+    return np.stack([x[..., STATE::2] @ shares, x[..., STATE + 1 :: 2] @ shares], axis=-1)
 
 
 def derivatives_of_advance(
@@ -258,16 +262,19 @@ def derivatives_of_place(
     x: Array, parameters: Array, rope: Array, time: Array, jib: JibMotion
 ) -> tuple[Array, Array, Array]:
     """Places (k, 2), and their derivatives by the state (k, 2, d) and the parameters (k, 2, 21)."""
-    turn, offset = camera(parameters, time, jib, drifted(x))
+    # The share that a camera follows is not estimated from errors: at their joint mode it is large and they are small.
+    shares = jib.seen(parameters[FOLLOWS])
+    off = drifted(x, shares)
+    turn, offset = camera(parameters, time, jib, off)
 
     def seen(e: Array, drift: Array | float = 0.0) -> Array:
-        changed, at = camera(parameters + e, time, jib, drifted(x) + drift)
+        changed, at = camera(parameters + e, time, jib, off + drift)
         return seen_from(changed, x[:, :2], rope, at)
 
     size, still = x.shape[-1], np.zeros(PARAMETERS)
     by_state = jacobian(lambda e: seen_from(turn, (x + e)[:, :2], rope, offset), size, (0, 1))
     if jib.drifts:
-        by_state[..., STATE:] = np.tile(jacobian(lambda e: seen(still, e), 2), len(jib.drifts))
+        by_state[..., STATE:] = np.kron(shares, jacobian(lambda e: seen(still, e), 2))
     by_controller = (*range(CLOCK, REACH), ROLL) if jib.moves else ()
     of_jib = (CLOCK, *range(SCALE.start, SCALE.stop)) if jib.sensed else by_controller
     by_parameter = jacobian(seen, PARAMETERS, (*range(OFFSET.stop), *of_jib))

@@ -14,7 +14,6 @@ from simgrab.instrument.estimate.jib import JibMotion
 from simgrab.instrument.estimate.pendulum import (
     CLOCK,
     DEGREES,
-    FOLLOWS,
     FREQUENCY,
     LEVELLING,
     LONGER,
@@ -185,7 +184,8 @@ def _linearised(
     k, d = path.shape
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
     memory_s = np.array([memory for _, memory in priors.jib.drifts])
-    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), memory_s)
+    at = nodes.time + parameters[CLOCK]
+    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), memory_s, priors.jib.pushed(at))
     joined = ~nodes.first[1:]
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
     ahead = np.broadcast_to(np.eye(d), (k - 1, d, d))
@@ -212,8 +212,7 @@ def _linearised(
     fixed = prior(path, starts * first, parameters - priors.mean, np.asarray(priors.sd**-2.0))
     spread = 0.0
     if priors.jib.drifts:
-        held, at = np.zeros((k, d)), nodes.time + parameters[CLOCK]
-        begun, added = priors.jib.drifted(at, float(parameters[FOLLOWS]))
+        held, (begun, added) = np.zeros((k, d)), priors.jib.drifted(at)
         spread = float(np.sum(np.log(begun)) + np.sum(np.linalg.slogdet(added)[1]))
         held[0, STATE:] = np.repeat(1 / begun, 2)
         walk = of_axes(np.asarray(np.linalg.inv(added)), STATE, d)
