@@ -174,10 +174,10 @@ def test_a_camera_that_moves_with_the_jib_needs_the_controller_alone(mount, lag_
     assert np.degrees(found.diagnostics["pitch_per_m"]) == pytest.approx(2.0 * (mount == "rigid"), abs=0.2)
 
 
-@pytest.mark.parametrize("mount", ["levelled", "rigid"])
-def test_with_few_readings_what_they_do_not_show_of_hard_braking_widens_intervals(mount):
+@pytest.mark.parametrize(("mount", "seed"), [("levelled", 301), ("rigid", 303)])
+def test_with_few_readings_what_they_do_not_show_of_hard_braking_widens_intervals(mount, seed):
     """It moves the grab and tilts a camera that levels itself, and is neither a shorter pendulum nor another force."""
-    keys = {"frames": 900, "seed": 301, "camera.mount": {"model": mount}}
+    keys = {"frames": 900, "seed": seed, "camera.mount": {"model": mount}}
     crane = swinging.record(fixed=False, scene="alarm-cycles", **keys)
     noisy = crane.pixels + np.random.default_rng(3).normal(0, 1.3, crane.pixels.shape)
     reports = unsure_of_stamps(controller(crane.time, crane.jib, 2.0, 0.1), 0.5 / np.sqrt(12))
