@@ -138,5 +138,6 @@ def _of_splits(recipe: Recipe) -> list[str]:
         return []
     got = ", ".join(f"{name} {found[name]} (stated {share:g})" for name, share in stated)
     return [
-        f"splits: a world has one split, and few worlds miss the stated shares: {got}; render more worlds, or set seed"
+        f"splits: a world has one split, and few worlds miss the stated shares: {got}; render more "
+        "frames, set a smaller clip.clip_frames, or another seed"
     ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import math
 import time
 from collections.abc import Callable
@@ -23,6 +22,8 @@ from simgrab.world.frames import FrameGenerator
 
 FEW = 200
 """Frames from which an estimate pays: it takes about as long as ten of them."""
+SURE_SIZE = 0.1
+"""Error of the size, as a share, up to which it is not stated."""
 FEW_A_WORLD = 8
 """Below as many frames of a world, worlds that take more than half of the time are named."""
 _PLACES, _ORDER = 4, (0, 2, 1, 3)  # of the dataset, at which frames are made: by what they show they take more or less
@@ -33,6 +34,7 @@ _LEAST, _SHARE = 2, 0.05  # places at first; share of the time for it all, after
 class Price:
     """What rendering takes, in seconds and bytes on the disk, estimated from frames that were ``tried``.
 
+    ``size_error`` is twice the standard error of the size, as it differs among the places of these frames, as a share.
     Worlds are the draws of what varies; 1 if nothing does. ``by_worlds``: they take more than half of the time, and
     have few frames each.
     """
@@ -43,13 +45,15 @@ class Price:
     size: int
     tried: int
     by_worlds: bool = False
+    size_error: float = 0.0
 
     def __str__(self) -> str:
         worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
         checked = ", with the check of all draws," if self.worlds > 1 else ""
+        size = f"{decimal(self.size)}{f' (± {self.size_error:.0%})' if self.size_error > SURE_SIZE else ''}"
         cure = "; worlds take most of it: a larger clip.clip_frames makes fewer" if self.by_worlds else ""
         return (
-            f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {decimal(self.size)}, "
+            f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {size}, "
             f"estimated from {self.tried} frames{cure}"
         )
 
@@ -74,12 +78,14 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     counts = [*_counts(periods, frames), slowest if varies else 0]  # of each kind of frame, and of checks
     processes = min(workers.count, scenario.clip_count) if video else workers.count
     places = list(dict.fromkeys(slowest * n // _PLACES * periods[0] for n in _ORDER))
-    samples, tried, begun, seconds = list[_Sample](), 0, time.perf_counter(), math.inf
+    samples, sizes_of, tried, begun, seconds = list[_Sample](), list[float](), 0, time.perf_counter(), math.inf
     while tried < len(places) and time.perf_counter() - begun < _SHARE * seconds:
         units = [(place,) for place in places[tried : tried + max(1 if tried else _LEAST, workers.count)]]
         work = functools.partial(_sampled, periods, check=varies)
         with contextlib.closing(workers.map(work, units, progress=lambda _: None)) as each:
-            samples += itertools.chain.from_iterable(each)
+            for some in each:
+                samples += some
+                sizes_of.append(float(np.mean([size for kind, *_, size in some if kind < len(periods)])))
         tried += len(units)
         means = _means(samples, len(counts))
         walls, cores, sizes = (counts @ means).tolist()
@@ -91,7 +97,10 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     made = sum(kind < len(periods) for kind, *_ in samples)
     without = frames * float(means[len(periods) - 1, 0])  # of frames that begin nothing
     by_worlds = varies and periods[-2] < FEW_A_WORLD and without < walls / 2
-    return Price(frames, worlds, seconds, round(size), made, by_worlds)
+    error = (
+        2 * float(np.std(sizes_of, ddof=1)) / (len(sizes_of) ** 0.5 * float(np.mean(sizes_of))) if tried > 1 else 0.0
+    )
+    return Price(frames, worlds, seconds, round(size), made, by_worlds, 0.0 if video else error)
 
 
 _Sample = tuple[int, float, float, int]

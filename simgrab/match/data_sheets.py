@@ -46,8 +46,11 @@ BARRELS = (BARREL, 0.6, 0.4, 0.2)
 MOST_BARREL = 1.2
 
 
-def sensor(text: str, width_px: int, height_px: int) -> str:
-    """Find a sensor by name, or the one of a format that is most like a picture of that size; raises ValueError."""
+def sensor(text: str, width_px: int, height_px: int) -> tuple[str, bool]:
+    """Find a sensor by name, or the one of a format that is most like a picture of that size, and say if by format.
+
+    Raises ValueError.
+    """
     wanted = text.strip(' "″”').upper()
     found = [one for one, (size, *_) in SENSORS.items() if wanted in (*one.split(", "), size)]
     if not found:
@@ -58,7 +61,7 @@ def sensor(text: str, width_px: int, height_px: int) -> str:
         _, _, wide, high = SENSORS[one]
         return abs(math.log(wide / high * height_px / width_px)), abs(math.log(wide / width_px))
 
-    return min(found, key=unlike)
+    return min(found, key=unlike), wanted == SENSORS[found[0]][0]
 
 
 def barrel(width_px: int, height_px: int, across_deg: float, up_deg: float) -> float:

@@ -41,6 +41,7 @@ CYCLE_S, DIG_S = 75, 25
 MOST_AROUND_M = 0.1  # how far each component of the offset may be off
 NEAR_ROPE_M = 0.2  # a rope that is nearer to the lens hides much of the view
 HEADS_M = 22, 60
+SAME_SHAPE = 0.05  # least difference of the logarithms of width over height that counts
 SPARE_M = 0.6  # 0.3 below the grab, and what a lean and a larger volume may take
 # By option: the question, and what stands for an answer.
 ASKED = {
@@ -60,7 +61,7 @@ ASKED = {
     "grab": (f"{', '.join(GRABS)}, or the file of a 3-D model", "four-rope"),
     "scale": ("metres a unit of the 3-D model's file (none: by its size)", ""),
     "up": ("axis of the 3-D model's file that points up: x, y, z, with a sign, or auto, by its format", "auto"),
-    "volume": ("volume of the grab, m³", "6"),
+    "volume": ("volume of the grab, m³, if it is not four-rope or a file", "6"),
     "cargo": (f"cargo of place and grab, one or more of {', '.join(CARGOES)}; random places have each", "coal"),
     "paint": (f"paint of the grab: {', '.join(PAINTS)}; in random places each", "orange"),
     "mount": ("levelled (hangs by gravity), rigid (pitches with the jib) or fixed", "levelled"),
@@ -294,10 +295,20 @@ def _optics(answers: _Answers) -> tuple[str, int, int, float, tuple[float, float
 
 def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float, float]:
     """Name sensor and lens, and give their focal length in px of a picture of this size, and in mm."""
-    sensor = answers.get("sensor", lambda text: data_sheets.sensor(text, width, height))
+    sensor, by_format = answers.get("sensor", lambda text: data_sheets.sensor(text, width, height))
     size, pitch_um, wide, high = data_sheets.SENSORS[sensor]
     (mm,) = answers.get("lens", _numbers(0.5, 100))
-    return f'{size}" sensor as {sensor}, {mm:g} mm', mm * 1000 / pitch_um * max(width / wide, height / high), mm
+    name, scale = f'{size}" sensor as {sensor}', max(width / wide, height / high)
+    if by_format and abs(math.log(wide / high * height / width)) > SAME_SHAPE:
+        name, scale = (
+            f'{size}" sensor with the diagonal of {sensor}',
+            math.hypot(width, height) / math.hypot(wide, high),
+        )
+        answers.warnings.append(
+            f'no {size}" sensor is known here that has the shape of {width}x{height}, so the focal length may be '
+            "5 % off: name the sensor, or give --fov"
+        )
+    return f"{name}, {mm:g} mm", mm * 1000 / pitch_um * scale, mm
 
 
 def _grab(answers: _Answers, file: Path, *, painted: bool) -> tuple[str, float]:
