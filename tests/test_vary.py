@@ -303,7 +303,10 @@ def test_a_file_states_no_number_that_its_own_factor_cannot_be(tmp_path):
                 scenes.load(path)
 
 
-@pytest.mark.parametrize("scene", [name for name in scenes.names() if scenes.load(name).vary])
+VARY = {name: factors for name in scenes.names() if (factors := scenes.load(name).vary)}
+
+
+@pytest.mark.parametrize("scene", VARY)
 def test_a_scene_written_whole_is_the_same(scene, tmp_path):
     (tmp_path / "scene.toml").write_text(scenes.load(scene).to_toml(), encoding="utf-8")
     assert scenes.load(tmp_path / "scene.toml") == scenes.load(scene)
@@ -337,13 +340,12 @@ def every_key(kind, prefix=""):
                 yield inner, kinds | stated
 
 
-def tables_of(scene):
-    """Factors that draw several keys at once: scenes that share them differ in numbers alone."""
-    factors = scenes.load(scene).vary.items()
-    return frozenset(key for key, factor in factors if isinstance(getattr(factor, "values", [0])[0], Mapping))
+def tables_of(factors):
+    """Those that draw several keys at once: scenes that share them differ in numbers alone."""
+    return frozenset(key for key, factor in factors.items() if isinstance(getattr(factor, "values", [0])[0], Mapping))
 
 
-VARYING = {tables_of(name): name for name in scenes.names() if scenes.load(name).vary}.values()
+VARYING = {tables_of(factors): name for name, factors in VARY.items()}.values()
 
 
 @pytest.mark.parametrize("scene", slow_but(VARYING, "training-shapes", "exam-fog-dust"))

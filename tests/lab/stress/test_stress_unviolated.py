@@ -13,7 +13,6 @@ from simgrab.lab.stress.study import situation
 from simgrab.lab.stress.summary import judge
 
 CONSISTENT = ("paper-iteration", "mean-ray", "geometric-median", "rope-aware")
-STUDIES = {name: bundled(name) for name in catalogue.names()}
 FREE = {"rope", "rope-range", "n"}  # no assumption of anything
 # Beside a known offset only one estimator is consistent.
 BESIDE = ("roll", "rope-bias", "rope-lag", "rope-misread")
@@ -53,7 +52,7 @@ def test_every_axis_begins_where_its_assumption_holds(name, base):
 
 @pytest.mark.parametrize("name", [a for a in AXES if a not in FREE])
 def test_every_axis_changes_what_is_drawn(name):
-    study = next(s for s in STUDIES.values() if s.axes[0].axis == name and s.holds)
+    study = next(s for s in map(bundled, catalogue.names()) if s.axes[0].axis == name and s.holds)
     there, far = (situation(small(study, n=40), p) for p in _ends(study))
     one, other = (geometric.draw(s, 0, [0]) for s in (there, far))
     same = np.array_equal(one.pixels, other.pixels, equal_nan=True) and np.array_equal(one.rope, other.rope)
@@ -69,16 +68,17 @@ def _ends(study):
 
 @pytest.mark.parametrize("name", BESIDE)
 def test_beside_a_known_offset_the_rope_aware_is_unbiased(name):
-    study = small(name, STUDIES[name].holds, replications=1000, n=1000)
+    study = small(name, bundled(name).holds, replications=1000, n=1000)
     verdicts = judge(summed(study))
     assert len(verdicts) == 4
     assert all(v.passed for v in verdicts), [v for v in verdicts if not v.passed]
 
 
 def test_every_assumption_has_a_bundled_study():
-    studied = {s.axis for study in STUDIES.values() for s in study.axes if study.holds}
+    studies = [*map(bundled, catalogue.names())]
+    studied = {s.axis for study in studies for s in study.axes if study.holds}
     assert set(AXES) - studied <= {"rope", "rope-range"}
-    for study in STUDIES.values():
+    for study in studies:
         if study.kind == "estimators" and any(s.axis not in FREE for s in study.axes):
             assert study.holds or study.accept or study.given, study.name
 
