@@ -34,6 +34,18 @@ from tests.instrument.test_controller_fusion import controller
 FRAMES = 900
 
 
+@pytest.fixture
+def forecasts():
+    """Forecast as users' pipelines do."""
+
+
+@pytest.fixture(autouse=True)
+def without_forecasts(request, monkeypatch):
+    """Leave forecasts out, which take most of the time, where a test does not ask for them."""
+    if "forecasts" not in request.fixturenames:
+        monkeypatch.setattr(angles, "forecasts", lambda *_: None)
+
+
 @pytest.fixture(scope="module")
 def crane():
     return swinging.record(frames=FRAMES)
@@ -61,6 +73,7 @@ def test_the_default_estimator_takes_the_offset_into_account(crane):
     assert rms(degrees(blind.measurements) - truth) > 0.4
 
 
+@pytest.mark.usefixtures("forecasts")
 def test_without_a_display_the_default_does_without_the_rope(crane):
     camera = msgspec.structs.replace(crane.calibration, digit_layout=None)
     assert made().conclude(crane.observations(), camera).estimate.estimator == "mean-ray"
@@ -117,6 +130,7 @@ def test_a_first_stretch_calibrates_what_comes_after(crane):
     assert again.estimate is None
 
 
+@pytest.mark.usefixtures("forecasts")
 def test_what_is_lost_is_carried_with_its_reason(crane):
     observations = crane.observations(1.0)
     nothing = {"box": None, "centre": None, "centre_sd": None}
@@ -197,14 +211,11 @@ def frames_of(observations):
     return [Frame(None if s.lost else blank, s.time_s, s.lost) for s in observations]
 
 
-def lives(observations, calibration, *, forecasts=False, **settings):
-    """Measure observations frame by frame, by default without forecasts, which take most of the time."""
+def lives(observations, calibration, **settings):
+    """Measure observations frame by frame."""
     said = Scripted(observations)
     pipeline = Pipeline(**({"detector": said, "reader": said} | settings))
-    with pytest.MonkeyPatch.context() as without:
-        if not forecasts:
-            without.setattr(angles, "forecast", lambda _, sd: Forecast(*np.full((5, len(sd)), np.nan)))
-        return list(pipeline.live(frames_of(observations), calibration))
+    return list(pipeline.live(frames_of(observations), calibration))
 
 
 def measured_live(observations, calibration):
@@ -221,9 +232,10 @@ def test_frames_through_detector_and_reader_give_what_their_sightings_give(crane
     assert [m.status for m in by_frames] == [m.status for m in by_sightings]
 
 
+@pytest.mark.usefixtures("forecasts")
 def test_a_live_record_ends_where_the_whole_one_does(crane):
     observations = crane.observations(1.0)
-    live = lives(observations, crane.calibration, forecasts=True)
+    live = lives(observations, crane.calibration)
     assert live[-1].measurement.warning is not None
     waiting = [one for one in live if one.tilt is None]
     assert len(waiting) == math.ceil(rooms.WARM_UP_S * 9)
@@ -352,6 +364,7 @@ def test_a_live_record_uses_the_wind_that_the_controller_reports(crane):
     assert windy - calm == pytest.approx(lean[1] - lean[0], rel=0.05)
 
 
+@pytest.mark.usefixtures("forecasts")
 @pytest.mark.parametrize("states_motion", [True, False])
 def test_a_live_forecast_uses_the_motion_that_a_controller_reports(crane, monkeypatch, states_motion):
     """From counted readings, ten a second, as they become known; unless a recorded one's clock is not known well."""
@@ -369,7 +382,8 @@ def test_a_live_forecast_uses_the_motion_that_a_controller_reports(crane, monkey
     data = Controller(at, slew, radius, None, *(counts / np.sqrt(12)).tolist())
 
     feed = Feed(data, states_rope=False, states_motion=states_motion, latest_s=60.0)
-    lives(few, crane.calibration, forecasts=True, feed=feed)
+    lives(few, crane.calibration, feed=feed)
+    monkeypatch.setattr(angles, "forecast", lambda _, sd: Forecast(*np.full((5, len(sd)), np.nan)))
     if not states_motion:
         assert not reports
         return
@@ -398,6 +412,7 @@ def test_a_live_forecast_uses_the_motion_that_a_controller_reports(crane, monkey
     np.testing.assert_array_equal(reports[-len(expected) :], expected)
 
 
+@pytest.mark.usefixtures("forecasts")
 def test_a_live_record_carries_what_is_lost(crane):
     observations = crane.observations(1.0)[:400]
     observations[300] = msgspec.structs.replace(observations[300], lost="lost", centre=None, box=None, hoist_m=None)
