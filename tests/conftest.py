@@ -1,5 +1,6 @@
 import contextlib
 import fcntl
+import gc
 import hashlib
 import importlib.util
 import json
@@ -57,6 +58,11 @@ def pytest_collection_modifyitems(config, items):
     items[:] = [item for item in items if item not in some]
 
 
+def pytest_collection_finish():
+    """Leave modules and tests, which stay, out of each later collection of garbage."""
+    gc.freeze()
+
+
 def toml(value):
     """Write a value as TOML on one line."""
     if isinstance(value, dict):
@@ -110,6 +116,14 @@ def slow_but(cases, *fast):
 
 def small_scene(name="quay-day", **changes):
     return scenes.load(name, SMALL | {key.replace("__", "."): value for key, value in changes.items()})
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_wait_for_the_disk():
+    """Files need not survive a power failure, and what processes see of them is the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
 
 
 @pytest.fixture(scope="session")
