@@ -43,8 +43,9 @@ class HeightMap:
         # Painted lowest first, so that the highest remains. Eight bits below the cell keep edges where they are.
         corners = np.clip((triangles[..., :2] + half_width) / CELL_M, -1e4, 1e4)
         fixed = np.round((corners - 0.5) * 256).astype(np.int32)
-        for i in np.argsort(height, kind="stable"):
-            cv2.fillConvexPoly(top, fixed[i], float(height[i]), shift=8)
+        order = np.argsort(height, kind="stable")
+        for triangle, level in zip(fixed[order], height[order].tolist(), strict=True):
+            cv2.fillConvexPoly(top, triangle, level, shift=8)
         return cls(top, half_width)
 
     def gap(self, points: Array) -> float:

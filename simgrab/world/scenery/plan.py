@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from simgrab.errors import ScenarioError
 from simgrab.model.geometry import Array
@@ -72,13 +73,16 @@ class Plan:
         return bodies | {f"cargo_{level}": heap.mesh for level, heap in enumerate(self.heaps)}
 
     @cached_property
-    def outline(self) -> dict[str, Array]:
-        """Points (N, 3) of each shape; in every picture the outermost points are among them."""
-        straight = self.scenario.camera.intrinsics.distortion.is_null
-        return {
-            name: _cover(np.asarray(mesh.vertices).tobytes(), np.asarray(mesh.faces).tobytes(), straight=straight)
-            for name, mesh in self.shapes.items()
-        }
+    def outline(self) -> Callable[[str], Array]:
+        """Points (N, 3) of a shape, by its name; in every picture the outermost points are among them."""
+        straight, shapes = self.scenario.camera.intrinsics.distortion.is_null, self.shapes
+
+        @cache  # computed on first use: frames of a clip seldom show the heaps of all levels
+        def points(name: str) -> Array:
+            corners, triangles = np.asarray(shapes[name].vertices), np.asarray(shapes[name].faces)
+            return _cover(corners.tobytes(), triangles.tobytes(), straight=straight)
+
+        return points
 
     @cached_property
     def ground(self) -> HeightMap:
@@ -95,7 +99,7 @@ class Plan:
     def grab_points(self, state: GrabState) -> Array:
         """Points (N, 3), grab frame, that cover the grab and its load."""
         placed = placed_shapes(self.grab, state.jaw, state.load)
-        return np.concatenate([self.outline[s] @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
+        return np.concatenate([self.outline(s) @ at[:3, :3].T + at[:3, 3] for s, at in placed.items()])
 
     def lifted(self, moment: Moment) -> Moment:
         """Shorten the rope of a moment until the grab is clear of the surroundings below."""
@@ -230,15 +234,49 @@ def _cover(vertices: bytes, faces: bytes, *, straight: bool) -> Array:
     normals, on_plane = np.asarray(hull.face_normals), np.asarray(hull.triangles)[:, 0]
     planes = list(zip(normals, np.einsum("ij,ij->i", normals, on_plane), strict=True))
 
-    def outside(points: Array) -> Array:
-        """How far points lie outside the hull; below 0 inside."""
-        far = np.full(len(points), -np.inf)
-        for normal, offset in planes:
-            np.maximum(far, points @ normal - offset, out=far)
-        return far
+    def outer(points: Array, depth: float) -> NDArray[np.bool_]:
+        """Which points lie outside the hull or less than a depth inside: above one of its planes, sunk by the depth."""
+        found, rest = np.zeros(len(points), bool), np.arange(len(points))
+        for some in range(0, len(planes), 32):  # those found need no more planes
+            below, far = points[rest], np.full(len(rest), -np.inf)
+            for normal, offset in planes[some : some + 32]:
+                np.maximum(far, below @ normal - offset, out=far)
+            found[rest[far > -depth]] = True
+            rest = rest[far <= -depth]
+        return found
 
     # The distance is convex: no point of a triangle lies farther out than its outermost corner. Rounding moves less.
-    near = outside(corners)[triangles].max(axis=1) > -COVER_DEPTH_M - 1e-6
-    points = trimesh.remesh.subdivide_to_size(corners, triangles[near], max_edge=COVER_SPACING_M, max_iter=20)[0]
-    points = np.unique(points.round(6), axis=0)
-    return np.asarray(points[outside(points) > -COVER_DEPTH_M])
+    near = outer(corners, COVER_DEPTH_M + 1e-6)[triangles].any(axis=1)
+    points = _between(corners, triangles[near], COVER_SPACING_M).round(6)
+    points = points[np.lexsort(points.T[::-1])]
+    points = points[np.append(True, (points[1:] != points[:-1]).any(axis=1))]
+    return points[outer(points, COVER_DEPTH_M)]
+
+
+def _between(corners: Array, triangles: NDArray[np.int64], spacing: float) -> Array:
+    """Points (N, 3): the corners, and middles of edges, as triangles are divided until no edge exceeds the spacing.
+
+    They are those of `trimesh.remesh.subdivide_to_size`, some twice, since triangles do not share corners.
+    """
+    points, of = [corners], corners[triangles]
+    while True:
+        long = np.linalg.norm(of - np.roll(of, -1, axis=1), axis=2) > spacing
+        of, long = of[long.any(axis=1)], long[long.any(axis=1)]
+        if not len(of):
+            return np.concatenate(points)
+        count = long.sum(axis=1)
+        first = np.where(count == 2, long.argmin(axis=1) + 1, long.argmax(axis=1))  # the long edges come first
+        of = np.take_along_axis(of, ((first[:, None] + np.arange(3)) % 3)[..., None], axis=1)
+        middles = (of + np.roll(of, -1, axis=1)) / 2
+        points.append(middles[np.arange(3) < count[:, None]])
+        pieces = []
+        for n in (1, 2, 3):
+            (a, b, c), (p, q, r) = (each[count == n].swapaxes(0, 1) for each in (of, middles))
+            if n == 1:
+                pieces += [(a, p, c), (p, b, c)]
+            elif n == 2:  # the shorter diagonal of what the corner b leaves
+                to_q = (((a - q) ** 2).sum(axis=1) <= ((p - c) ** 2).sum(axis=1))[:, None]
+                pieces += [(p, b, q), (a, p, np.where(to_q, q, c)), (np.where(to_q, a, p), q, c)]
+            else:
+                pieces += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
+        of = np.concatenate([np.stack(piece, axis=1) for piece in pieces])

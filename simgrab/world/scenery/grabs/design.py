@@ -18,6 +18,7 @@ import trimesh
 from simgrab.model.geometry import Array
 from simgrab.world.scenery.grabs.weight import Mass, Weight, spread, together
 from simgrab.world.scenery.meshes.part import Part
+from simgrab.world.scenery.meshes.shapes import join
 
 #: Fills of the closed grab for which there is a heap.
 CARGO_LEVELS = (0.25, 0.5, 0.75, 1.0)
@@ -60,7 +61,7 @@ class Body:
     @cached_property
     def steel(self) -> trimesh.Trimesh:
         """All parts as one mesh."""
-        return trimesh.util.concatenate([part.mesh for part in self.parts])
+        return join(part.mesh for part in self.parts)
 
     @property
     def solid(self) -> trimesh.Trimesh:

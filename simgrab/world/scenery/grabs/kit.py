@@ -70,7 +70,7 @@ def body(
     slides: bool = False,
 ) -> Body:
     """Make a body of parts in their places of the closed grab; ``pin`` is in the parent's frame."""
-    mass = STEEL_KG_M3 * MASS_FACTOR * sum(float(part.mesh.volume) for part in parts)
+    mass = STEEL_KG_M3 * MASS_FACTOR * sum(shapes.volume(part.mesh) for part in parts)
     return Body(name, mass, parts, parent, pin, axis, slides=slides)
 
 

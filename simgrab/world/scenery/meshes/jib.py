@@ -63,7 +63,7 @@ def _fixed_parts() -> tuple[Part, ...]:
 @lru_cache(maxsize=16)
 def jib_steel(ropes: Ropes) -> trimesh.Trimesh:
     """Return the jib head's parts as one mesh in the jib frame."""
-    return trimesh.util.concatenate([part.mesh for part in jib_parts(ropes)])
+    return join(part.mesh for part in jib_parts(ropes))
 
 
 def _trunk() -> trimesh.Trimesh:

@@ -12,6 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
+from simgrab.world.scenery.meshes.shapes import solid
 
 Texture = NDArray[np.uint8]
 Paint = Callable[[], Texture]
@@ -77,8 +78,7 @@ class Part:
 
     def moved(self, transform: Array, name: str | None = None) -> Part:
         """Return the part moved by a 4×4 transform; a given ``uv`` moves along, a projected one is projected again."""
-        mesh = self.mesh.copy()
-        mesh.apply_transform(transform)
+        mesh = solid(trimesh.transform_points(self.mesh.vertices, transform), self.mesh.faces)
         return Part(name or self.name, mesh, self.material, self.uv)
 
     @cached_property

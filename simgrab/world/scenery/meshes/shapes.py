@@ -34,9 +34,16 @@ def solid(vertices: ArrayLike, faces: ArrayLike) -> trimesh.Trimesh:
 
 def outward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Turn the faces of a closed mesh outwards, in place, where they face inwards."""
-    if mesh.volume < 0:
+    if volume(mesh) < 0:
         mesh.invert()
     return mesh
+
+
+def volume(mesh: trimesh.Trimesh) -> float:
+    """Return the volume of a closed mesh, without the moments that `trimesh` computes along with it."""
+    a, b, c = np.asarray(mesh.vertices)[mesh.faces].transpose(1, 2, 0)
+    u, v = b - a, c - b
+    return float(((u[1] * v[2] - u[2] * v[1]) * (a[0] + b[0] + c[0])).sum() / 6)
 
 
 def convex(points: ArrayLike) -> trimesh.Trimesh:
@@ -117,7 +124,10 @@ def sheave(centre: ArrayLike, pitch_radius: float, rope_radius: float, sections:
 
 def join(meshes: Iterable[trimesh.Trimesh]) -> trimesh.Trimesh:
     """Put closed meshes into one, vertices unmerged, so that it stays watertight."""
-    return trimesh.util.concatenate(list(meshes))
+    several = [(np.asarray(mesh.vertices), np.asarray(mesh.faces)) for mesh in meshes]
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in several)])
+    faces = [faces + start for (_, faces), start in zip(several, starts, strict=False)]
+    return solid(np.concatenate([vertices for vertices, _ in several]), np.concatenate(faces))
 
 
 def walls(rings: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from simgrab.model.geometry import Array
 from simgrab.world.scenery.meshes import shapes as steel
@@ -67,11 +68,18 @@ def loft(rings: Sequence[ArrayLike]) -> trimesh.Trimesh:
     """Join rings of equally many points (counter-clockwise seen from the last ring) and cap both ends."""
     points = np.array(rings, float)
     vertices = np.concatenate([*points, points[[0, -1]].mean(axis=1)])
-    numbers = np.arange(len(vertices) - 2).reshape(points.shape[:2])
-    bottom, top = (np.full(points.shape[1], len(vertices) - end) for end in (2, 1))
+    return steel.solid(vertices, _loft_faces(*points.shape[:2]))
+
+
+@lru_cache(maxsize=64)
+def _loft_faces(rings: int, sides: int) -> NDArray[np.int64]:
+    numbers = np.arange(rings * sides).reshape(rings, sides)
+    bottom, top = (np.full(sides, rings * sides + end) for end in (0, 1))
     first, last = numbers[0], numbers[-1]
     caps = [np.stack([np.roll(first, -1), first, bottom], 1), np.stack([last, np.roll(last, -1), top], 1)]
-    return steel.solid(vertices, np.concatenate([steel.walls(numbers), *caps]))
+    faces = np.concatenate([steel.walls(numbers), *caps])
+    faces.setflags(write=False)
+    return faces
 
 
 def shell(rings: Sequence[ArrayLike], thickness: float) -> trimesh.Trimesh:
