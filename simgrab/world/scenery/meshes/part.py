@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from simgrab.model.geometry import Array
-from simgrab.world.scenery.meshes.shapes import solid
+from simgrab.world.scenery.meshes.shapes import join, solid
 
 Texture = NDArray[np.uint8]
 Paint = Callable[[], Texture]
@@ -81,22 +81,6 @@ class Part:
         mesh = solid(trimesh.transform_points(self.mesh.vertices, transform), self.mesh.faces)
         return Part(name or self.name, mesh, self.material, self.uv)
 
-    @cached_property
-    def corners(self) -> Corners:
-        """Positions, normals and UVs of every face corner: (3F, 3), (3F, 3), (3F, 2). Facets keep their sharp edges."""
-        mesh = self.mesh
-        faces = np.asarray(mesh.faces)
-        normals = _corner_normals(np.asarray(mesh.vertices).tobytes(), faces.tobytes())
-        corners = np.asarray(mesh.vertices)[faces].reshape(-1, 3)
-        if self.uv is not None:
-            return corners, normals, np.asarray(self.uv)[faces].reshape(-1, 2)
-        axis = np.abs(np.asarray(mesh.face_normals)).argmax(axis=1).repeat(3)
-        # Look along x: (y, z); along y: (x, z); along z: (x, y).
-        first, second = np.array([1, 0, 0])[axis], np.array([2, 2, 1])[axis]
-        rows = np.arange(len(corners))
-        uv = np.stack([corners[rows, first], corners[rows, second]], axis=1) / self.material.tile_m
-        return corners, normals, uv
-
 
 def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], *, group: int, prefix: str) -> None:
     """Add parts to a body as visual geoms, one per material of `add_materials`: no collision, no mass.
@@ -111,12 +95,12 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
     prefix : str
         Unique name stem of the geoms and meshes.
     """
-    by_material: dict[str, list[Part]] = {}
-    for part in parts:
-        by_material.setdefault(part.material.name, []).append(part)
+    several, by_material = list(parts), dict[str, list[Corners]]()
+    for part, corners in zip(several, _corners(several), strict=True):
+        by_material.setdefault(part.material.name, []).append(corners)
     for name, same in by_material.items():
         mesh = spec.add_mesh(name=f"{prefix}/{name}", file=f"{prefix}/{name}.msh")
-        spec.assets[mesh.file] = _msh([part.corners for part in same])
+        spec.assets[mesh.file] = _msh(same)
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # for rendering only: sheets are allowed
         body.add_geom(
             name=f"{prefix}/{name}",
@@ -128,6 +112,27 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
             conaffinity=0,
             mass=0,
         )
+
+
+def _corners(parts: Sequence[Part]) -> Iterator[Corners]:
+    """Positions, normals and UVs of each part's face corners: (3F, 3), (3F, 3), (3F, 2). Facets keep their sharp edges.
+
+    All parts are computed together, in half the time that they take one by one.
+    """
+    if not parts:
+        return
+    mesh = join(part.mesh for part in parts)
+    faces = np.asarray(mesh.faces)
+    positions = np.asarray(mesh.vertices)[faces].reshape(-1, 3)
+    normals = _corner_normals(np.asarray(mesh.vertices).tobytes(), faces.tobytes())
+    axis = np.abs(np.asarray(mesh.face_normals)).argmax(axis=1).repeat(3)
+    # Look along x: (y, z); along y: (x, z); along z: (x, y).
+    across = np.take_along_axis(positions, np.array([[1, 2], [0, 2], [0, 1]])[axis], axis=1)
+    end = 0
+    for part in parts:
+        own = slice(end, end := end + part.mesh.faces.size)
+        uv = across[own] / part.material.tile_m if part.uv is None else part.uv[part.mesh.faces].reshape(-1, 2)
+        yield positions[own], normals[own], uv
 
 
 def _msh(corners: Sequence[Corners]) -> bytes:
@@ -156,7 +161,7 @@ def add_materials(spec: mujoco.MjSpec, materials: Iterable[Material], *, texture
             own.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material.name
 
 
-@lru_cache(maxsize=512)  # many shapes, such as the grab's and the jib's, are the same in every world
+@lru_cache(maxsize=64)  # bodies of a grab, and a place that several worlds share
 def _corner_normals(vertices: bytes, triangles: bytes) -> Array:
     """Average, at every face corner, the normals of the smoothly joined faces around it, weighted by angle."""
     faces = np.frombuffer(triangles, np.int64).reshape(-1, 3)
