@@ -5,12 +5,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 from conftest import slow_but
+from scipy.spatial import cKDTree
 
 from simgrab.dataset.pool import vet
 from simgrab.model import scenes
 from simgrab.world.extensions import Recipe
-from simgrab.world.scenery import model
+from simgrab.world.scenery import model, plan
 from simgrab.world.scenery.grabs.four_rope import four_rope
+from simgrab.world.scenery.meshes import shapes
 from simgrab.world.scenery.meshes.paint import finish
 from simgrab.world.scenery.meshes.part import Material, Part
 from simgrab.world.scenery.places import fittings
@@ -84,3 +86,19 @@ def test_a_world_leaves_the_shared_steel_as_it_was(changes: dict[str, object]) -
 def test_nothing_is_painted_to_see_whether_a_world_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Material, "picture", property(lambda _: pytest.fail("painted")))
     assert vet(Recipe(scenes.load("quay-day", {"frames": 3}))).seen == 3
+
+
+def test_points_between_corners_leave_no_gap():
+    rng = np.random.default_rng(0)
+    corners, shares = rng.normal(size=(20, 3, 3)), rng.dirichlet(np.ones(3), 2000)
+    corners[::2, 2] = corners[::2, 1] + 0.1 * rng.random((10, 3)) / np.sqrt(3)  # one side of these is not divided
+    points = plan._between(corners.reshape(-1, 3), np.arange(60).reshape(-1, 3), 0.15)
+    for each in corners:
+        own = points[np.abs((points - each[0]) @ np.cross(each[1] - each[0], each[2] - each[0])) < 1e-9]  # in its plane
+        assert len(own) > 9
+        assert cKDTree(own).query(shares @ each)[0].max() < 0.15 / np.sqrt(3)  # as where three sides are equal
+
+
+@pytest.mark.parametrize("body", GRAB.bodies, ids=lambda body: body.name)
+def test_volumes_of_parts_are_those_of_trimesh(body):
+    assert [shapes.volume(part.mesh) for part in body.parts] == pytest.approx([p.mesh.volume for p in body.parts])

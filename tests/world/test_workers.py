@@ -12,6 +12,7 @@ import simgrab
 from simgrab.dataset import pool, render
 from simgrab.runtime import machine
 from simgrab.world.extensions import Extensions, Recipe
+from simgrab.world.frames import FrameGenerator
 
 TRAINING = simgrab.load("training")
 
@@ -89,6 +90,12 @@ def test_checking_worlds_together_finds_what_checking_each_finds():
     for frame, projection in ((f, p) for one in each for f, p in one.projections.items()):
         assert (together.projections[frame].centre_camera == projection.centre_camera).all()
         assert (together.projections[frame].keypoints_camera == projection.keypoints_camera).all()
+
+
+def test_a_world_that_was_checked_is_not_planned_again():
+    recipe = Recipe(small_scene(frames=2))
+    plan = pool.vet(recipe).plan
+    assert FrameGenerator(recipe, plan).planned(1).plan is plan
 
 
 @pytest.mark.parametrize(

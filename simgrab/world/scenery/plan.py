@@ -269,14 +269,10 @@ def _between(corners: Array, triangles: NDArray[np.int64], spacing: float) -> Ar
         of = np.take_along_axis(of, ((first[:, None] + np.arange(3)) % 3)[..., None], axis=1)
         middles = (of + np.roll(of, -1, axis=1)) / 2
         points.append(middles[np.arange(3) < count[:, None]])
-        pieces = []
-        for n in (1, 2, 3):
-            (a, b, c), (p, q, r) = (each[count == n].swapaxes(0, 1) for each in (of, middles))
-            if n == 1:
-                pieces += [(a, p, c), (p, b, c)]
-            elif n == 2:  # the shorter diagonal of what the corner b leaves
-                to_q = (((a - q) ** 2).sum(axis=1) <= ((p - c) ** 2).sum(axis=1))[:, None]
-                pieces += [(p, b, q), (a, p, np.where(to_q, q, c)), (np.where(to_q, a, p), q, c)]
-            else:
-                pieces += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
+        # A triangle with one long edge leaves none. The quadrangle that two of them leave gets its shorter diagonal.
+        (a, b, c), (p, q, _) = (each[count == 2].swapaxes(0, 1) for each in (of, middles))
+        to_q = (((a - q) ** 2).sum(axis=1) <= ((p - c) ** 2).sum(axis=1))[:, None]
+        pieces = [(p, b, q), (a, p, np.where(to_q, q, c)), (np.where(to_q, a, p), q, c)]
+        (a, b, c), (p, q, r) = (each[count == 3].swapaxes(0, 1) for each in (of, middles))
+        pieces += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
         of = np.concatenate([np.stack(piece, axis=1) for piece in pieces])
