@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 from rich.filesize import decimal
+from scipy import special
 
 from simgrab.dataset import stored
 from simgrab.dataset.pool import FrameNumbers, Tick, Workers, vet
@@ -34,7 +35,8 @@ _LEAST, _SHARE = 2, 0.05  # places at first; share of the time for it all, after
 class Price:
     """What rendering takes, in seconds and bytes on the disk, estimated from frames that were ``tried``.
 
-    ``size_error`` is twice the standard error of the size, as it differs among the places of these frames, as a share.
+    ``size_error`` is the half width of the size's 95 % interval, as a share, from what frames take at the places tried;
+    0 where a single one was, as of a scene that does not vary, and of a video.
     Worlds are the draws of what varies; 1 if nothing does. ``by_worlds``: they take more than half of the time, and
     have few frames each.
     """
@@ -50,7 +52,8 @@ class Price:
     def __str__(self) -> str:
         worlds = f" of {self.worlds} worlds" if self.worlds > 1 else ""
         checked = ", with the check of all draws," if self.worlds > 1 else ""
-        size = f"{decimal(self.size)}{f' (± {self.size_error:.0%})' if self.size_error > SURE_SIZE else ''}"
+        off = f" (± {self.size_error:.0%})" if self.size_error <= 1 else ", or a few times as much"
+        size = f"{decimal(self.size)}{off if self.size_error > SURE_SIZE else ''}"
         cure = "; worlds take most of it: a larger clip.clip_frames makes fewer" if self.by_worlds else ""
         return (
             f"{self.frames} frames{worlds}: about {_duration(self.seconds)}{checked} and {size}, "
@@ -97,10 +100,11 @@ def measured(workers: Workers, *, files: bool = True, video: bool = False) -> Pr
     made = sum(kind < len(periods) for kind, *_ in samples)
     without = frames * float(means[len(periods) - 1, 0])  # of frames that begin nothing
     by_worlds = varies and periods[-2] < FEW_A_WORLD and without < walls / 2
-    error = (
-        2 * float(np.std(sizes_of, ddof=1)) / (len(sizes_of) ** 0.5 * float(np.mean(sizes_of))) if tried > 1 else 0.0
-    )
-    return Price(frames, worlds, seconds, round(size), made, by_worlds, 0.0 if video else error)
+    error = 0.0
+    if tried > 1 and files and not video:
+        spread = float(np.std(sizes_of, ddof=1) / np.mean(sizes_of))
+        error = float(special.stdtrit(len(sizes_of) - 1, 0.975)) * spread / len(sizes_of) ** 0.5
+    return Price(frames, worlds, seconds, round(size), made, by_worlds, error)
 
 
 _Sample = tuple[int, float, float, int]

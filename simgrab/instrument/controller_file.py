@@ -172,14 +172,8 @@ class Load(Quantity, frozen=True, kw_only=True):
     """Hoisted mass, by the crane's load cell: ``grab_t`` is that of the empty grab, which a ``net`` load leaves out."""
 
     unit: Literal["t", "kg"] = "t"
-    grab_t: Annotated[float, Meta(ge=0, le=200)] = 0.0
+    grab_t: Annotated[float, Meta(gt=0, le=200)]
     net: bool = False
-
-    def check(self) -> None:
-        """Refuse a load without the grab's mass."""
-        super().check()
-        if not self.grab_t:
-            raise ValueError("grab_t: the mass of the empty grab is missing; without it leave [load] out")
 
 
 class ControllerFacts(Checked, frozen=True, kw_only=True):

@@ -47,7 +47,7 @@ MOST_BARREL = 1.2
 
 
 def sensor(text: str, width_px: int, height_px: int) -> tuple[str, bool]:
-    """Find a sensor by name, or the one of a format that is most like a picture of that size, and say if by format.
+    """Find a sensor by name, or the one of a format that is most like a picture of that size, and whether by format.
 
     Raises ValueError.
     """

@@ -117,12 +117,15 @@ def test_an_error_of_the_velocity_moves_the_grab_as_one_of_the_acceleration():
     time, heading, (t1, t2), rope = np.arange(0, 4, 0.01), 0.7, SWAY_S, 12.0
     course = np.tile([heading, 0, 0, 0, 0, 0], (len(time), 1))
     jib = replace(JibMotion.of(controller(time, course[:, :2] + [0, 25])), time=time, course=course)
-    links = Links(np.full(1, 0.01), np.full(1, rope), np.full(1, rope), rope, np.array(SWAY_S), jib.pushed(time[:2]))
+    links = Links(np.full(1, 0.01), np.full(1, rope), np.full(1, rope), rope, np.array(SWAY_S), jib.carried(time[:2]))
     lean, still = np.array([0.003, -0.002]), np.zeros(PARAMETERS)  # of the camera; it fades
     level = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]]) @ lean
     x = np.concatenate([np.zeros(6), 2 * lean, -lean])[None]
     speed = G * np.sqrt(t1 * t2) * level / rope  # of the grab over the rope's length
-    y, plain = np.concatenate([np.zeros(2), speed, np.zeros(2)])[None], replace(links, memory_s=np.empty(0), pushed=0.0)
+    y, plain = (
+        np.concatenate([np.zeros(2), speed, np.zeros(2)])[None],
+        replace(links, memory_s=np.empty(0), carried=0.0),
+    )
     for at in time + 0.005:
         x = advance(x, still, links)
         gained = 2 * np.exp(-at / t1) / t1 - np.exp(-at / t2) / t2  # the lean's rate, with opposite sign

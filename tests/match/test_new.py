@@ -125,12 +125,13 @@ def test_of_sensor_and_lens_the_focal_length_is_their_ratio(tmp_path):
         scene, out = new(path, "--sensor", sensor, "--lens", 4, "--size", size)
         assert scene.camera.focal.focal_length_px == pytest.approx(f_px, abs=0.05)
         assert "usual distortion" in out
-        assert "may be 5 % off" not in out
+        assert "is known here that has the shape" not in out
     # A picture of 5 MP is no part of the one 1/2.7" sensor that is known: on that format, pixels are 2 µm.
     scene, out = new(tmp_path / "five.toml", "--sensor", "1/2.7", "--lens", 4, "--size", "2592x1944")
     assert scene.camera.focal.focal_length_px == pytest.approx(4000 / 2.0, rel=0.05)
     assert "with the diagonal of OV2710" in out
-    assert "may be 5 % off" in out
+    assert "the focal length is 1961 px if" in " ".join(out.split())
+    assert "2400 px if the picture is a part of OV2710's" in " ".join(out.split())
     # Of the distortions that the model follows, one has rays that Newton's method does not find.
     scene, _ = new(tmp_path / "wide.toml", "--sensor", "1/2.7", "--lens", 2.8, "--size", "2688x1520")
     assert scene.camera.focal.focal_length_px == pytest.approx(1313.6, abs=0.5)

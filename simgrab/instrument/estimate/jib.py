@@ -24,7 +24,7 @@ REST_S = 10.0  # in which a jib without readings comes to rest
 SPEED = 2.0  # m/s, of luffing and of the jib head as it slews
 ROUNDS = 7
 AVERAGED_S = 1.0  # over which a speed is averaged for the effect of jitter
-CALM = 2e-4  # rad, of a lean by wind, below which its direction is any
+CALM = 2e-4  # rad, of a lean by wind, below which its direction counts as unknown
 SHARES = 0.02, 1.0  # of the stated jitter
 LEVEL_SD = 1e-6  # rad, of the first error of a sensor's lean: its mean is the tilt
 # Errors of O's velocity, and with them those of the lean of a camera that levels itself, are low-passes of second order
@@ -105,7 +105,7 @@ class JibMotion:
     def drifted(self, time: Array) -> tuple[Array, Array]:
         """Variances per axis (m,), rad², of these errors at first, and the covariance they gain between moments (k,).
 
-        The latter has shape (k − 1, m, m).
+        The latter has shape (k − 1, m, m). The first two are taken as independent at first, which is wider.
         """
         (noise, memory_s), step = np.array(self.drifts).T, np.diff(time)[:, None, None]
         fading, alike = np.add.outer(1 / memory_s, 1 / memory_s), np.eye(len(noise))
@@ -118,15 +118,15 @@ class JibMotion:
         begun = np.diag(np.where(walks, LEVEL_SD**2, scale[0] * noise2 / fading))
         return begun, scale[1:] * noise2 * np.where(walks, step, -np.expm1(-step * fading) / fading)
 
-    def seen(self, follows: float) -> Array:
+    def shares(self, follows: float) -> Array:
         """Share of each of these errors (m,) in the direction of sight of a camera that follows apparent gravity."""
-        seen = np.ones(len(self.drifts))
+        shares = np.ones(len(self.drifts))
         if self.unsure is not None:
-            seen[:2] = follows
-        return seen
+            shares[:2] = follows
+        return shares
 
-    def pushed(self, time: Array) -> NDArray[np.complex128]:
-        """Way of O (k − 1, m) between moments (k,) by 1 rad of each of these errors, level frame, x + iy, m.
+    def carried(self, time: Array) -> NDArray[np.complex128]:
+        """Displacement of O (k − 1, m) between moments (k,) by 1 rad of each of these errors, level frame, x + iy, m.
 
         Over √(τ₁τ₂) the acceleration's error in g, summed up, is as large as itself: it is that of a lean.
         """

@@ -64,8 +64,8 @@ class Links:
         The fixed length that scales p, m.
     memory_s : ndarray, shape (d/2 − 3,)
         Correlation times of pairs of states beyond the sixth.
-    pushed : ndarray, shape (k, d/2 − 3), or 0.0
-        Way of O in the step by 1 rad of such a pair, x + iy, m.
+    carried : ndarray, shape (k, d/2 − 3), or 0.0
+        Displacement of O in the step by 1 rad of such a pair, x + iy, m.
     """
 
     step: Array
@@ -73,7 +73,7 @@ class Links:
     after: Array
     length: float
     memory_s: Array = field(default_factory=lambda: np.empty(0))
-    pushed: Complex | float = 0.0
+    carried: Complex | float = 0.0
 
     @property
     def fast(self) -> Array:
@@ -204,7 +204,7 @@ def advance(
     s4, p4 = rates(s + h * s3, p + h * p3, after)
     fade = np.exp(-h[:, None] / np.append(MEMORY_S, links.memory_s))
     moved = (s + h / 6 * (s1 + 2 * s2 + 2 * s3 + s4)) * (levers[1] / links.after)
-    moved += np.sum(z[:, 3:] * links.pushed, axis=-1) / links.after
+    moved += np.sum(z[:, 3:] * links.carried, axis=-1) / links.after
     pushed = (p + h / 6 * (p1 + 2 * p2 + 2 * p3 + p4)) / links.length**2
     return np.column_stack([moved, pushed, z[:, 2:] * fade]).view(np.float64)
 
@@ -263,7 +263,7 @@ def derivatives_of_place(
 ) -> tuple[Array, Array, Array]:
     """Places (k, 2), and their derivatives by the state (k, 2, d) and the parameters (k, 2, 21)."""
     # The share that a camera follows is not estimated from errors: at their joint mode it is large and they are small.
-    shares = jib.seen(parameters[FOLLOWS])
+    shares = jib.shares(parameters[FOLLOWS])
     off = drifted(x, shares)
     turn, offset = camera(parameters, time, jib, off)
 

@@ -185,7 +185,7 @@ def _linearised(
     step = np.where(nodes.first[1:], NODE_S, np.diff(nodes.time))
     memory_s = np.array([memory for _, memory in priors.jib.drifts])
     at = nodes.time + parameters[CLOCK]
-    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), memory_s, priors.jib.pushed(at))
+    links = Links(step, nodes.rope[:-1], nodes.rope[1:], float(nodes.rope.mean()), memory_s, priors.jib.carried(at))
     joined = ~nodes.first[1:]
     predicted, by_state, by_parameter = derivatives_of_advance(path[:-1], parameters, links, nodes.time, priors.jib)
     ahead = np.broadcast_to(np.eye(d), (k - 1, d, d))

@@ -71,8 +71,7 @@ def assumptions(
     offset = f"camera offset ({x:g}, {y:g}, {z:g}) ± {camera.offset_sd_m:g} m"
     parts = []
     if width is not None and owed is not None:
-        by = "errors of centres and readings" if getattr(used, "controller", None) else "errors of centres"
-        parts.append(f"{owed:.2f}° of their mean width of {width:.2f}° come from: {offset}; the rest from {by}")
+        parts.append(f"{owed:.2f}° of their mean width of {width:.2f}° come from: {offset}")
     texts = _TEXTS | ({"k1": "no lens distortion"} if camera.intrinsics.distortion.is_null else {})
     known = record is not None and record.estimate is not None and "roll" in record.estimate.diagnostics
     guesses = set(camera.assumed) - ({"roll_deg"} if known else set())

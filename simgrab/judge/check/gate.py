@@ -159,7 +159,8 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     done: tuple[str, ...] = (f"recorded over {len(several)} seed{'s' * (len(several) > 1)} in {printable(folder)}",)
     done += _of_other_frames(len(several), suite)
     if len(several) > 1:
-        done += tuple(f"{name}: over these seeds: {_ranges(suite.limits_of(name), trials[name])}" for name in trials)
+        ranges = {name: _ranges(suite.limits_of(name), each) for name, each in trials.items()}
+        done += tuple(f"{name}: over these seeds: {text}" for name, text in ranges.items() if text)
     return Report(suite.name, instrument.name, suite.seed, (), done, scenes)
 
 

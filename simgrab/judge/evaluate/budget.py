@@ -100,7 +100,7 @@ def budget(run: Run, known: Truths) -> dict[str, Any] | None:
         "estimator": estimator.name,
         "tilt": "estimated" if parts.given is None else "given",
         "chain": chain,
-        "limit": limit([*chain, own]),
+        "limit": limit([*chain, own] if own["frames"] == chain[0]["frames"] else chain),
         "aside": [row(stage, estimator) for stage in ASIDE if parts.reads or stage.rope == "true"],
         "drawn": {"stage": f"offset drawn {DRAWS} times"} | parts.drawn(estimator),
         "paper": [row(stage, paper) for stage in (CHAIN[2], CHAIN[-1])],

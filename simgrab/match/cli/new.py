@@ -298,17 +298,16 @@ def _of_sensor(answers: _Answers, width: int, height: int) -> tuple[str, float, 
     sensor, by_format = answers.get("sensor", lambda text: data_sheets.sensor(text, width, height))
     size, pitch_um, wide, high = data_sheets.SENSORS[sensor]
     (mm,) = answers.get("lens", _numbers(0.5, 100))
-    name, scale = f'{size}" sensor as {sensor}', max(width / wide, height / high)
+    name, f_px = f'{size}" sensor as {sensor}', mm * 1000 / pitch_um * max(width / wide, height / high)
     if by_format and abs(math.log(wide / high * height / width)) > SAME_SHAPE:
-        name, scale = (
-            f'{size}" sensor with the diagonal of {sensor}',
-            math.hypot(width, height) / math.hypot(wide, high),
-        )
+        part_px, f_px = f_px, mm * 1000 / pitch_um * math.hypot(width, height) / math.hypot(wide, high)
+        name = f'{size}" sensor with the diagonal of {sensor}'
         answers.warnings.append(
-            f'no {size}" sensor is known here that has the shape of {width}x{height}, so the focal length may be '
-            "5 % off: name the sensor, or give --fov"
+            f'no {size}" sensor is known here that has the shape of {width}x{height}: the focal length is {f_px:.0f} '
+            f"px if the camera's has the diagonal of {sensor}, and {part_px:.0f} px if the picture is a part of "
+            f"{sensor}'s; name the sensor, or give --fov"
         )
-    return f"{name}, {mm:g} mm", mm * 1000 / pitch_um * scale, mm
+    return f"{name}, {mm:g} mm", f_px, mm
 
 
 def _grab(answers: _Answers, file: Path, *, painted: bool) -> tuple[str, float]:

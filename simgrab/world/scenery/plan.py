@@ -256,7 +256,7 @@ def _cover(vertices: bytes, faces: bytes, *, straight: bool) -> Array:
 def _between(corners: Array, triangles: NDArray[np.int64], spacing: float) -> Array:
     """Points (N, 3): the corners, and middles of edges, as triangles are divided until no edge exceeds the spacing.
 
-    They are those of `trimesh.remesh.subdivide_to_size`, some twice, since triangles do not share corners.
+    They are those of trimesh 5.2's `subdivide_to_size`, some twice, since triangles do not share corners.
     """
     points, of = [corners], corners[triangles]
     while True:

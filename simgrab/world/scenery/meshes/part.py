@@ -77,7 +77,7 @@ class Part:
     uv: Array | None = None
 
     def moved(self, transform: Array, name: str | None = None) -> Part:
-        """Return the part moved by a 4×4 transform; a given ``uv`` moves along, a projected one is projected again."""
+        """Return the part moved by a rigid 4×4 transform; a given ``uv`` moves along, a projected one is made again."""
         mesh = solid(trimesh.transform_points(self.mesh.vertices, transform), self.mesh.faces)
         return Part(name or self.name, mesh, self.material, self.uv)
 
