@@ -41,7 +41,7 @@ from simgrab.instrument.estimate.pendulum import (
     of_tilt,
     sensed_lean,
 )
-from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
+from simgrab.instrument.estimate.pendulum_fit import FARTHEST, ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import BEYOND_GRAB, RopeAware
 from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
 from simgrab.model.calibration import Calibration
@@ -237,12 +237,11 @@ class PendulumSmoother(Estimator):
             thin = Nodes.of(frames, some, CUT_S)
             if thin.seen.sum() >= self.parameters:
                 path = first_path(thin, swing[some], size)
-                rough = fit(thin, path, _on_time(thin, path, start, strengths, priors), strengths, priors)
+                rough = _on_time(thin, path, start, strengths, priors)
                 path = interpolated(nodes.time, thin.time, rough.path)
                 free = rough.free[np.searchsorted(thin.time[1:-1], nodes.time[1:])]
                 return nodes, fit(nodes, path, rough.parameters, rough.strengths, priors, 0, free)
-        path = first_path(nodes, swing, size)
-        return nodes, fit(nodes, path, _on_time(nodes, path, start, strengths, priors), strengths, priors)
+        return nodes, _on_time(nodes, first_path(nodes, swing, size), start, strengths, priors)
 
     def _concluded(self, frames: Frames, solved: Solved | str, calibration: Calibration) -> Estimates:
         """State one record's motion with its intervals by the posterior, and σ of a distribution by blocks."""
@@ -312,18 +311,28 @@ class PendulumSmoother(Estimator):
         return Intervals("blocks", iv.LEVEL, None, ends, None, blocks, note)
 
 
-def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> Array:
-    """Start with the clock that fits clearly best after a few steps: a second off, the true one is not reached."""
+def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> PendulumFit:
+    """Fit from the clock that fits best after a few steps: from a second off, the true one may not be reached.
+
+    If the stated clock and another fit about alike by then, the more likely of their two fits counts, but none in which
+    the grab hangs as much longer as it may.
+    """
     reach = 2 * float(priors.sd[CLOCK])
-    steps = int(reach / CLOCK_STEP_S)
-    if not steps:
-        return start
-    delays = np.outer(np.linspace(-reach, reach, 2 * steps + 1), np.arange(len(start)) == CLOCK)
-    fits = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
-    best = min(fits, key=lambda one: one.minimum.value)
-    if best.minimum.value > CLEARLY * fits[steps].minimum.value:
-        return start
-    return np.where(np.arange(len(start)) == CLOCK, best.parameters, start)
+    steps, starts = int(reach / CLOCK_STEP_S), [start]
+    if steps:
+        clock = np.arange(len(start)) == CLOCK
+        delays = np.outer(np.linspace(-reach, reach, 2 * steps + 1), clock)
+        fits = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
+        stated = fits[steps]
+        away = [one for one in fits if abs(one.parameters[CLOCK] - stated.parameters[CLOCK]) > CLOCK_STEP_S / 2]
+        best = min(away, key=lambda one: one.minimum.value, default=stated)
+        if CLEARLY * best.minimum.value < stated.minimum.value:
+            starts.append(np.where(clock, best.parameters, start))
+        if best.minimum.value < CLEARLY * stated.minimum.value:
+            del starts[0]
+    found = [fit(nodes, path, one, strengths, priors) for one in starts]
+    farthest = 0.999 * FARTHEST.max() * priors.sd[LONGER]
+    return min(found, key=lambda one: (abs(one.parameters[LONGER] - priors.mean[LONGER]) >= farthest, one.cost))
 
 
 def _of_jib(found: PendulumFit, jib: JibMotion) -> dict[str, float]:
