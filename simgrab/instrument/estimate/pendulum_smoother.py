@@ -41,9 +41,9 @@ from simgrab.instrument.estimate.pendulum import (
     of_tilt,
     sensed_lean,
 )
-from simgrab.instrument.estimate.pendulum_fit import FARTHEST, ROUNDS, PendulumFit, PendulumPriors, first_path, fit
+from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import BEYOND_GRAB, RopeAware
-from simgrab.instrument.estimate.strengths import FAST, NOISE, SLOW
+from simgrab.instrument.estimate.strengths import FAST, LEAST_NOISE_PX, NOISE, SLOW
 from simgrab.model.calibration import Calibration
 from simgrab.model.geometry import Array, rotation_z, wrap
 from simgrab.model.records.estimates import Estimates, Intervals
@@ -314,25 +314,23 @@ class PendulumSmoother(Estimator):
 def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> PendulumFit:
     """Fit from the clock that fits best after a few steps: from a second off, the true one may not be reached.
 
-    If the stated clock and another fit about alike by then, the more likely of their two fits counts, but none in which
-    the grab hangs as much longer as it may.
+    If the stated clock and another fit about alike by then, the more likely of their two fits counts, and one by which
+    pictures have no noise comes last: in such a fit, forces follow each pixel.
     """
     reach = 2 * float(priors.sd[CLOCK])
-    steps, starts = int(reach / CLOCK_STEP_S), [start]
-    if steps:
-        clock = np.arange(len(start)) == CLOCK
-        delays = np.outer(np.linspace(-reach, reach, 2 * steps + 1), clock)
-        fits = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
-        stated = fits[steps]
-        away = [one for one in fits if abs(one.parameters[CLOCK] - stated.parameters[CLOCK]) > CLOCK_STEP_S / 2]
-        best = min(away, key=lambda one: one.minimum.value, default=stated)
-        if CLEARLY * best.minimum.value < stated.minimum.value:
-            starts.append(np.where(clock, best.parameters, start))
-        if best.minimum.value < CLEARLY * stated.minimum.value:
-            del starts[0]
-    found = [fit(nodes, path, one, strengths, priors) for one in starts]
-    farthest = 0.999 * FARTHEST.max() * priors.sd[LONGER]
-    return min(found, key=lambda one: (abs(one.parameters[LONGER] - priors.mean[LONGER]) >= farthest, one.cost))
+    steps = int(reach / CLOCK_STEP_S)
+    if not steps:
+        return fit(nodes, path, start, strengths, priors)
+    delays = np.outer(np.linspace(-reach, reach, 2 * steps + 1), np.arange(len(start)) == CLOCK)
+    fits = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
+    stated = fits[steps]
+    away = [one for one in fits if abs(one.parameters[CLOCK] - stated.parameters[CLOCK]) > CLOCK_STEP_S / 2]
+    best = min(away, key=lambda one: one.minimum.value, default=stated)
+    both = sorted((stated, best), key=lambda one: one.minimum.value)
+    likely = both[:1] if best is stated or both[0].minimum.value < CLEARLY * both[1].minimum.value else both
+    found = [fit(nodes, one.path, one.parameters, strengths, priors) for one in likely]
+    exact = np.log(1.01 * LEAST_NOISE_PX / priors.focal_px)
+    return min(found, key=lambda one: (one.strengths[NOISE] < exact, one.cost))
 
 
 def _of_jib(found: PendulumFit, jib: JibMotion) -> dict[str, float]:

@@ -14,6 +14,7 @@ from simgrab.model.geometry import Array
 FAST, NOISE, SLOW = 0, 1, 2
 WINDOW_S = 2.0  # over which forces are averaged to find a grab that does not swing freely
 BEYOND = 9.0  # how many times the usual force is too much
+LEAST_NOISE_PX = 0.05
 LEAST_FAST, LEAST_SLOW = 1e-5, 1e-3  # the usual forces are those of the record itself, but no less than these
 
 
@@ -64,7 +65,7 @@ class Weighed:
 
         Without this prior, a short record would set slow forcing to 0 and state its tilt too precisely.
         """
-        low = np.log([self.least_fast, 0.05 / self.focal_px, self.slow_range[0]])
+        low = np.log([self.least_fast, LEAST_NOISE_PX / self.focal_px, self.slow_range[0]])
         high = np.log([1.0, 50 / self.focal_px, self.slow_range[1]])
 
         def minus_log(v: Array) -> float:
