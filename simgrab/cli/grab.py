@@ -37,12 +37,14 @@ def check(file: Path, out: Path | None, assignments: tuple[str, ...]) -> None:
     scene = own_grab.scene_of(file, scenes.parse_changes(assignments))
     found = own_grab.check(scene)
     folder = Path(f"{file.stem}-check") if out is None else out
+    earlier = own_grab.page_of(folder)
     found.save(folder, file.name)
     console = stdout()
     console.print(table(found.facts, ("", "")))
     for doubt in found.doubts or ["nothing"]:
         console.print(f"looks wrong: {cell(doubt)}", soft_wrap=True)
-    console.print(f"page: {cell(folder / own_grab.PAGE)}", soft_wrap=True)
+    replaces = f", in place of that of {cell(earlier)}" if earlier else ""
+    console.print(f"page: {cell(folder / own_grab.PAGE)}{replaces}", soft_wrap=True)
 
 
 @command.command()

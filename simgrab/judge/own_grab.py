@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import unescape
 from pathlib import Path
 
 import cv2
@@ -68,6 +70,13 @@ class Understood:
         folder.mkdir(parents=True, exist_ok=True)
         write(folder / PICTURE, jpeg)
         write(folder / PAGE, html.page("grab.html", name=name, grab=self, jpeg=jpeg).encode())
+
+
+def page_of(folder: Path) -> str:
+    """Return the name of the grab whose page a folder contains; empty if there is none."""
+    page = folder / PAGE
+    title = re.search("<title>Grab (.*?)</title>", page.read_text(errors="replace")) if page.is_file() else None
+    return unescape(title[1]) if title else ""
 
 
 def scene_of(file: str | Path, changes: dict[str, object] | None = None) -> Scenario:

@@ -926,6 +926,10 @@ def test_the_command_passes_and_writes_json_and_junit(shell, tmp_path):
     cases = ElementTree.parse(tmp_path / "out" / "junit.xml").findall(".//testcase")
     assert len(cases) == len(result["verdicts"])
     assert {c.get("classname") for c in cases} == {"simgrab.small", "simgrab.small.swing"}
+    assert {c.get("time") for c in cases if c.get("classname") == "simgrab.small"} == {"0.000"}
+    of_scene = [float(c.get("time")) for c in cases if c.get("classname") == "simgrab.small.swing"]
+    assert sum(of_scene) == pytest.approx(result["seconds"]["swing"], abs=0.001 * len(of_scene))
+    assert min(of_scene) > 0
     assert ElementTree.parse(tmp_path / "out" / "junit.xml").find(".//property").get("value") == "check.html"
     assert "<h1>Suite “small”: passed</h1>" in (tmp_path / "out" / "check.html").read_text()
 

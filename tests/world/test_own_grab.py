@@ -515,6 +515,13 @@ def test_the_check_shows_what_was_understood_and_what_may_be_wrong(files, tmp_pa
     assert (yellow & (picture[..., 2] < 90) & (picture[..., 0] > 120)).mean() > 0.01
 
 
+def test_the_check_names_the_grab_whose_page_it_replaces(files, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first, second = (run("grab", "check", files[kind])[1].splitlines()[-1] for kind in ("stl", "ply"))
+    assert first == "page: a-check/grab.html"
+    assert second == "page: a-check/grab.html, in place of that of a.stl"
+
+
 @pytest.mark.parametrize(
     ("left", "doubt"),
     [

@@ -174,7 +174,10 @@ def as_json(report: Report) -> bytes:
 
 
 def as_junit(report: Report) -> bytes:
-    """One test case a verdict, as CI servers read them (the dialect of Ant's and pytest's JUnit XML)."""
+    """One test case a verdict, as CI servers read them (the dialect of Ant's and pytest's JUnit XML).
+
+    The cases of a scene share its time equally; other cases have 0 s.
+    """
     statuses = [verdict.status for verdict in report.verdicts]
     totals = {
         "tests": str(len(statuses)), "failures": str(statuses.count("failed")), "errors": "0",
@@ -186,12 +189,14 @@ def as_junit(report: Report) -> bytes:
     ElementTree.SubElement(properties, "property", {"name": "report", "value": PAGE})
     for verdict in report.verdicts:
         place = ".".join(filter(None, ("simgrab", report.suite, verdict.scene)))
+        scene = report.scenes.get(verdict.scene)
+        seconds = scene.seconds / len(scene.verdicts) if scene and verdict in scene.verdicts else 0.0
         case = ElementTree.SubElement(
-            suite, "testcase", {"classname": _printable(place), "name": _printable(verdict.what), "time": "0"}
-        )
+            suite, "testcase",
+            {"classname": _printable(place), "name": _printable(verdict.what), "time": f"{seconds:.3f}"},
+        )  # fmt: skip
         if verdict.status != "passed":
             tag = "failure" if verdict.status == "failed" else "skipped"
-            scene = report.scenes.get(verdict.scene)
             why = scene.causes if scene and tag == "failure" else ""
             message = ". ".join(filter(None, (verdict.message, why)))
             found = ElementTree.SubElement(case, tag, {"message": _printable(message)})
