@@ -262,6 +262,24 @@ def test_a_table_of_angles_by_another_program_is_judged(of, key, swinging, tmp_p
     assert evaluate(german, swinging / of) == found
 
 
+@pytest.mark.parametrize(
+    ("angle", "noted"),
+    [
+        (lambda true: 1.1 * np.radians(true), True),
+        (lambda true: 1.1 * true, False),
+        (lambda true: 0.1 * true, False),
+        (lambda true: np.full(60, np.radians(true.mean())), False),  # an instrument that is stuck
+        (lambda true: np.radians(2 * true.mean() - true), False),  # it follows nothing
+    ],
+)
+def test_angles_in_radians_are_named(angle, noted, swinging, tmp_path):
+    true = np.array([row.alpha_deg for row in datasets.read(swinging / "data").rows])
+    found = evaluate(written(tmp_path / "mine.csv", {"frame": range(60), "alpha_deg": angle(true)}), swinging / "data")
+    rmse = 0.1 * np.sqrt(np.mean(true**2))
+    note = f"The angles seem to be in radians, not degrees: in degrees, their RMSE would be {rmse:.3f}°. "
+    assert tables(found)[0].note.startswith(note) == noted
+
+
 def test_numbers_of_frames_say_where_a_part_of_a_video_is(swinging, tmp_path):
     """The angles are constant; they raise a false alarm."""
     part = {"frame": range(20, 40), "alpha_deg": [12.0] * 20}

@@ -21,6 +21,8 @@ from simgrab.judge.evaluate.values import Evaluation, Provenance, ReadingScore
 from simgrab.model.geometry import Array
 from simgrab.model.records.observations import Detection
 
+_ABOUT_ONE, _FOLLOWS = 0.2, 0.9  # of angles in radians: distance of their factor from 1, and least correlation
+
 
 def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float | None = None) -> Evaluation:
     """Compare a run with the truth of its frames.
@@ -47,7 +49,9 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
     """
     run, known = opened(run, known, start_s)
     found = {
-        "run": Provenance(run.source, run.instrument, known.matched, _still(known.alpha)),
+        "run": Provenance(
+            run.source, run.instrument, known.matched, _still(known.alpha), _unit(run.alpha, known.alpha)
+        ),
         "frames": {
             "all": len(run.measurements),
             "known": sum(r is not None for r in known.rows),
@@ -72,6 +76,19 @@ def _still(true: Array) -> str:
     if not len(known) or known.std() >= HARDLY_SWINGS_DEG:
         return ""
     return f"The grab hardly swings (standard deviation {known.std():.2f}°), so these errors say little."
+
+
+def _unit(measured: Array, true: Array) -> str:
+    """Note that degrees seem to be radians: as such they would follow the true angles, rad, closely."""
+    both = np.isfinite(measured) & np.isfinite(true)
+    taken, known = np.degrees(measured[both]), true[both]
+    if not len(known) or np.nanmax(np.degrees(measured)) > np.pi / 2 or not (taken.std() and known.std()):
+        return ""
+    factor, follows = taken @ known / (known @ known), np.corrcoef(taken, known)[0, 1]
+    if abs(factor - 1) > _ABOUT_ONE or follows < _FOLLOWS:
+        return ""
+    rmse = np.degrees(np.sqrt(np.mean((taken - known) ** 2)))
+    return f"The angles seem to be in radians, not degrees: in degrees, their RMSE would be {rmse:.3f}°."
 
 
 def of_detection(run: Run, known: Truths) -> dict[str, Any] | None:

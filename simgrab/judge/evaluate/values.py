@@ -216,12 +216,16 @@ class FrameCounts(msgspec.Struct, frozen=True):
 
 
 class Provenance(msgspec.Struct, frozen=True):
-    """Source, instrument, how frames were matched by time, if they were, and that the grab hardly swings, if so."""
+    """Source and instrument, and notes, empty where there is nothing to note.
+
+    They are on how frames were matched by time, on a grab that hardly swings, and on angles that seem to be in radians.
+    """
 
     source: str
     instrument: str
     matched: str = ""
     still: str = ""
+    unit: str = ""
 
 
 class Evaluation(msgspec.Struct, frozen=True):
