@@ -27,7 +27,7 @@ from rich.console import Console
 
 from scripts.foreign.making import Blender, Maker, truth
 from scripts.foreign.worlds import PICTURES, SEEDS, World
-from scripts.score_detector import WIDTH, boxes_table, centres_table
+from scripts.score_detector import WIDTH, boxes_tables, centres_tables
 from simgrab.cli import main as run
 from simgrab.dataset import preview
 from simgrab.dataset.record import FrameRecord
@@ -97,8 +97,8 @@ def show(scores: dict[str, Any]) -> None:
     """Print the tables."""
     console = Console(width=WIDTH)
     for name, groups in scores["detectors"].items():
-        console.print(boxes_table(name, groups))
-        console.print(centres_table({group: figures["centre"] for group, figures in groups.items()}))
+        centres = centres_tables({group: figures["centre"] for group, figures in groups.items()})
+        console.print(*boxes_tables(name, groups), *centres, sep="\n")
 
 
 @click.command(help=(__doc__ or "").partition("\n")[0])

@@ -32,7 +32,7 @@ from simgrab.model.records.observations import Detection
 from simgrab.model.truth import Boxed
 from simgrab.reports.terminal import cell
 
-WIDTH = 196  # columns of text
+WIDTH = 120  # columns of text
 
 
 def measure(
@@ -79,56 +79,65 @@ def show(scores: dict[str, Any]) -> None:
             "overall": scores["overall"], "half visible or more": scores["half_visible"],
             "cut off by the picture's edge": scores["cut_off"], **scores["by_weather"],
         }  # fmt: skip
-        console.print(boxes_table(scores["detector"], groups))
-        console.print(centres_table({name: f["centre"] for name, f in groups.items()} | scores["by_rope"]))
+        console.print(*boxes_tables(scores["detector"], groups), sep="\n")
+        centres = {name: f["centre"] for name, f in groups.items()} | scores["by_rope"]
+        console.print(*centres_tables(centres), sep="\n")
     if "real" in scores:
         console.print(_real(scores["detector"], scores["real"]))
     times = scores["time"]
     console.print(f"from array to detection: median {times['median_ms']:.1f} ms, 95 % {times['p95_ms']:.1f} ms")
 
 
-def _table(title: str, columns: tuple[str, ...]) -> Table:
-    table = Table(title=title)
+def _table(title: str, columns: tuple[str, ...], caption: str | None = None) -> Table:
+    table = Table(title=title, caption=caption)
     for i, column in enumerate(columns):
-        table.add_column(column, justify="right" if i else "left", no_wrap=True)
+        table.add_column(column, justify="right" if i else "left", no_wrap=i > 0)
     return table
 
 
-def boxes_table(name: str, groups: dict[str, Any]) -> Table:
+def boxes_tables(name: str, groups: dict[str, Any]) -> list[Table]:
     """Show boxes of groups of frames, as `simgrab.judge.evaluate.detection.figures` gives them."""
-    table = _table(
-        f"{name}: boxes, and the share of errors that stated 95 % intervals hold",
-        ("", "grab", "mAP50-95", "mAP50", "recall", "worlds with one missed", "missed in a row", "empty", "false boxes",
-         "worlds with one", "box", "centre", "yaw"),
+    boxes = _table(
+        f"{name}: boxes", ("", "grab", "mAP50-95", "mAP50", "recall", "empty", "false boxes"),
+        "Worlds, not frames, are independent: true intervals of shares are wider. Standard errors are by worlds.",
     )  # fmt: skip
+    worlds = _table(
+        f"{name}: worlds, and the share of errors that stated 95 % intervals hold",
+        ("", "worlds with one missed", "missed in a row", "worlds with a false box", "box", "centre", "yaw"),
+    )
     for group, f in groups.items():
-        table.add_row(
+        boxes.add_row(
             group, str(f["labelled"]), _n(f["map50_95"]), _n(f["map50"]), _share(f["recall"], f["recall_interval"]),
-            f"{f['missed_worlds']}/{f['labelled_worlds']}", str(f["longest_miss"]),
             str(f["empty"]), f"{f['false_boxes']}{_interval(f['false_interval'])}",
-            f"{f['false_worlds']}/{f['empty_worlds']}",
-            *(_n(f["coverage"][key]) for key in ("box", "centre", "yaw")),
         )  # fmt: skip
-    return table
+        worlds.add_row(
+            group, f"{f['missed_worlds']}/{f['labelled_worlds']}", str(f["longest_miss"]),
+            f"{f['false_worlds']}/{f['empty_worlds']}", *(_n(f["coverage"][key]) for key in ("box", "centre", "yaw")),
+        )  # fmt: skip
+    return [boxes, worlds]
 
 
-def centres_table(groups: dict[str, Any]) -> Table:
+def centres_tables(groups: dict[str, Any]) -> list[Table]:
     """Show the centre errors of groups of frames."""
-    table = _table(
-        "grab centre: distance, signed means ± their standard error, and those of a perfect box's centre",
-        ("", "frames", "width px", "median px", "95 % px", "median of diagonal", "95 %", "u px", "v px", "outwards px",
-         "%", "box px", "box %"),
-    )  # fmt: skip
+    distances = _table(
+        "grab centre: distance", ("", "frames", "width px", "median px", "95 % px", "median of diagonal", "95 %")
+    )
+    means = _table(
+        "grab centre: signed means ± their standard error, and those of a perfect box's centre",
+        ("", "u px", "v px", "outwards px", "%", "box px", "box %"),
+    )
     for group, c in groups.items():
         if c["frames"]:
-            table.add_row(
+            distances.add_row(
                 group, str(c["frames"]), _n(c["width_px"], 0), _n(c["median_px"], 2), _n(c["p95_px"], 2),
                 f"{c['median_of_diagonal']:.2%}", f"{c['p95_of_diagonal']:.2%}",
-                *(f"{c[f'{k}_mean_px']:+.2f} ± {c[f'{k}_se_px']:.2f}" for k in ("u", "v", "radial")),
+            )  # fmt: skip
+            means.add_row(
+                group, *(f"{c[f'{k}_mean_px']:+.2f} ± {c[f'{k}_se_px']:.2f}" for k in ("u", "v", "radial")),
                 f"{100 * c['radial_mean_share']:+.2f}", f"{c['box_radial_mean_px']:+.2f}",
                 f"{100 * c['box_radial_mean_share']:+.2f}",
             )  # fmt: skip
-    return table
+    return [distances, means]
 
 
 def _real(name: str, f: dict[str, Any]) -> Table:

@@ -8,6 +8,7 @@ import pytest
 from commands import run
 from films import film
 
+from scripts import score_detector
 from simgrab.dataset import datasets
 from simgrab.dataset.tables import table_of
 from simgrab.errors import DatasetError, DetectorError, SourceError
@@ -64,6 +65,19 @@ def test_a_perfect_detector_scores_1(known):
     assert f["map50_95"] == f["recall"] == f["centre"]["frames"] == 0
     assert f["longest_miss"] == f["labelled"] == 6
     assert f["coverage"]["centre"] is None
+
+
+def test_tables_fit_120_columns_and_name_worlds_as_independent(known, capsys):
+    scores = detection.score(cases(known, perfect))
+    for group in (scores["overall"], scores["cut_off"]):
+        group |= dict.fromkeys(("labelled", "empty", "false_boxes", "labelled_worlds", "missed_worlds"), 99_999)
+        group |= {"recall": 0.9, "recall_interval": (0.8, 1.0), "false_interval": (0.0, 1.0)}
+    score_detector.show(scores | {"detector": "bundled", "time": {"median_ms": 1.0, "p95_ms": 2.0}})
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 120
+    assert "…" not in printed
+    assert "cut off by the picture's edge" in printed
+    assert "Worlds, not frames, are independent: true intervals of shares are wider." in printed
 
 
 def test_grabs_that_the_edge_cuts_are_scored_apart(known):
