@@ -8,6 +8,8 @@ import resource
 import shutil
 import struct
 import time
+import tomllib
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -513,6 +515,18 @@ def test_the_check_shows_what_was_understood_and_what_may_be_wrong(files, tmp_pa
     picture = np.asarray(Image.open(tmp_path / "out" / own_grab.PICTURE))
     yellow = np.abs(picture.astype(float) @ [1, -1.28, 0]).clip(0, 255) < 30
     assert (yellow & (picture[..., 2] < 90) & (picture[..., 0] > 120)).mean() > 0.01
+
+
+def test_the_tines_of_the_docs_open_outwards(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "grabs.md").read_text(encoding="utf-8")
+    (text,) = (block for block in re.findall(r"```toml\n(.*?)```", page, re.DOTALL) if "Tine1" in block)
+    scene = boxes(("Head", (1.2, 1.2, 0.8), (0, 0, 2.4)))
+    for jaw in tomllib.loads(text)["grab"]["jaws"]:
+        tine = trimesh.creation.cylinder(0.1, segment=[jaw["hinge_m"], *jaw["lips_m"]])
+        scene.add_geometry(tine, jaw["node"], jaw["node"])
+    y_up(scene).export(tmp_path / "our-tines.glb")
+    (tmp_path / "tines.toml").write_text(text)
+    assert not re.search("inwards|lips_m|hinge|vertical", " ".join(checked(tmp_path / "tines.toml").doubts))
 
 
 def test_the_check_names_the_grab_whose_page_it_replaces(files, tmp_path, monkeypatch):
