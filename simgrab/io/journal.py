@@ -99,10 +99,13 @@ class Journal:
         """Refuse to resume a result whose ``known`` identity is another."""
         identity = json.loads(_json(identity))  # as it is read back: lists in place of tuples
         if any(known.get(key) != identity.get(key) for key in {*identity, "extensions"}):
-            raise self._refusal(
-                f"holds another {self.kind} (its {differences(known, identity)} differs); "
-                f"--resume needs the same, or choose another {self.option}"
-            )
+            found, cure = differences(known, identity), f"or choose another {self.option}"
+            if self.kind == "dataset" and found == "scenario.frames, frames":
+                cure = (
+                    "as a dataset cannot grow or shrink: for more frames, render with another --seed into another "
+                    f"{self.option}, and train on both"
+                )
+            raise self._refusal(f"holds another {self.kind} (its {found} differs); --resume needs the same, {cure}")
 
     def _refusal(self, what: str) -> Exception:
         return self.store.refuse(f"{self.name or self.store.place} {what}")

@@ -172,6 +172,9 @@ def test_a_finished_folder_is_never_touched(dataset, scene):
         render(scene, dataset)
     with pytest.raises(DatasetError, match="another dataset"):
         render(small_scene(seed=5), dataset, resume=True)
+    grown = r"scenario\.frames, frames differs.* cannot grow .*: for more frames, render with another --seed"
+    with pytest.raises(DatasetError, match=grown):
+        render(small_scene(frames=scene.frames + 3), dataset, resume=True)
     assert render(scene, dataset, resume=True).made == 0
     assert digests(dataset) == before
 
