@@ -74,7 +74,7 @@ WANDER_S = 10.0  # for which a detector errs alike: jaws, yaw and light change i
 SILENT_S = 2.0  # for which a controller may be silent at either end of the record
 CLOCK_STEP_S, CLOCK_ROUNDS = 0.75, 3  # of the search of the controller's clock
 SAMPLED_S = 0.02  # how exactly a clock can be known from readings at their rate
-CLEARLY = 0.8  # ratio of twice the negative log posteriors below which another clock counts
+CLEARLY = 0.8  # ratio of twice the negative log posteriors below which the other clock does not count
 NOT_CONVERGED = f"not converged in {ROUNDS} rounds"
 THIN_FRAMES = 500  # longer records are thinned for the search of the strengths
 
@@ -314,20 +314,19 @@ class PendulumSmoother(Estimator):
 def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> PendulumFit:
     """Fit from the clock that fits best after a few steps: from a second off, the true one may not be reached.
 
-    If the stated clock and another fit about alike by then, the more likely of their two fits counts, and one by which
-    pictures have no noise comes last: in such a fit, forces follow each pixel.
+    If another fits about alike by then, the more likely of their two fits counts. One by which pictures have no noise
+    comes last: its forces follow each pixel.
     """
     reach = 2 * float(priors.sd[CLOCK])
     steps = int(reach / CLOCK_STEP_S)
     if not steps:
         return fit(nodes, path, start, strengths, priors)
     delays = np.outer(np.linspace(-reach, reach, 2 * steps + 1), np.arange(len(start)) == CLOCK)
-    fits = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
-    stated = fits[steps]
-    away = [one for one in fits if abs(one.parameters[CLOCK] - stated.parameters[CLOCK]) > CLOCK_STEP_S / 2]
-    best = min(away, key=lambda one: one.minimum.value, default=stated)
-    both = sorted((stated, best), key=lambda one: one.minimum.value)
-    likely = both[:1] if best is stated or both[0].minimum.value < CLEARLY * both[1].minimum.value else both
+    tried = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
+    tried.sort(key=lambda one: one.minimum.value)
+    best = tried[0]
+    others = [one for one in tried if abs(one.parameters[CLOCK] - best.parameters[CLOCK]) > CLOCK_STEP_S / 2]
+    likely = [best, *(one for one in others[:1] if CLEARLY * one.minimum.value < best.minimum.value)]
     found = [fit(nodes, one.path, one.parameters, strengths, priors) for one in likely]
     exact = np.log(1.01 * LEAST_NOISE_PX / priors.focal_px)
     return min(found, key=lambda one: (one.strengths[NOISE] < exact, one.cost))
