@@ -502,6 +502,56 @@ def swinging(rows, peak_deg):
     return tuple(msgspec.structs.replace(row, alpha_deg=float(a)) for row, a in zip(rows, alphas, strict=True))
 
 
+def timed(sound_trial, peak_deg):
+    """A trial of a swing of one period, measured without errors."""
+    known = dataclasses.replace(sound_trial.known, rows=swinging(sound_trial.known.rows, peak_deg))
+    times = 0.25 * np.arange(len(known.rows))
+    measured = [Measurement(status="ok", alpha=a) for a in known.alpha.tolist()]
+    about = sound_trial.run.about | {"tilt": None, "estimate": None}
+    run = dataclasses.replace(
+        sound_trial.run, time=times, measurements=tuple(measured), events=events(times, measured), about=about
+    )
+    found = evaluate(run, known)
+    return trial.Trial(sound_trial.dataset, trial.flat(found.to_dict()), run, known, found)
+
+
+MISSED, FALSE, PRECISION = ({f"alarm.{name}": limit} for name, limit in (
+    ("missed", {"upper": 0}), ("false", {"upper": 0}), ("precision", {"lower": 0.9})))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("scenes", "how"),
+    [
+        ([(12.0, MISSED)], "always"),
+        ([(12.0, FALSE)], "never"),
+        ([(9.0, MISSED | FALSE)], "never"),
+        ([(12.0, MISSED | FALSE)], "always"),  # one alarm, beside a swing beyond 9.5 degrees
+        ([(12.0, MISSED | FALSE), (9.0, MISSED | FALSE)], ""),
+        ([(12.0, MISSED | PRECISION)], ""),
+        ([(12.0, {RMSE: {"upper": 0.1}})], ""),
+    ],
+)
+def test_limits_on_alarms_that_never_or_always_alarming_meets_are_named(
+    scenes, how, sound_trial, place, tmp_path, monkeypatch
+):
+    trials = {f"swing {i}": timed(sound_trial, peak_deg) for i, (peak_deg, _) in enumerate(scenes)}
+    one = SUITE["scenes"]["swing"] | {"golden": []}
+    named = {name: one | {"limits": limits} for name, (_, limits) in zip(trials, scenes, strict=True)}
+    small = limited(tmp_path, {}, scenes=named)
+    left = iter([*trials.values()] * 2)
+    monkeypatch.setattr(gate, "trial", lambda *_: next(left))
+    checked = check(place, small=small, baseline=None)
+    recorded = gate.record(small, options(place, sound, baseline=tmp_path / "new"), seeds=1)
+    assert checked.passed
+    for report_ in (checked, recorded):
+        notes = [note for note in report_.of_suite if "limits on alarms are too loose" in note]
+        assert len(notes) == bool(how)
+        assert all(f"that {how} raises an alarm" in note for note in notes)
+    constants = {v.what: v.constant for v in checked.verdicts if v.what.startswith("alarm.")}
+    best = {"alarm.missed": 0, "alarm.false": 0, "alarm.precision": pytest.approx(0.375, abs=0.1)}
+    assert constants == {what: best[what] for what in constants}
+
+
 @pytest.mark.parametrize(
     ("peak_deg", "off_deg", "danger", "limits", "explained"),
     [

@@ -22,7 +22,7 @@ from simgrab.judge.check import cache, golden
 from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Limit, Suite, load
-from simgrab.judge.check.trial import Trial, trial
+from simgrab.judge.check.trial import Trial, constant_alarms, trial
 from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial
 from simgrab.judge.evaluate.swings import HARDLY_SWINGS_DEG
 from simgrab.text import printable
@@ -30,6 +30,10 @@ from simgrab.text import printable
 Progress = Callable[[str, int, int], None]
 TESTING = ("angle.", "interval.", "detection.", "reading.")  # limits on frames and alarms alone are met by a constant
 LEAST_HOIST_M = 0.2  # between the shortest and the longest rope
+_BESIDE_ALARMS = {
+    "never": "limit alarm.missed in a scene whose swing exceeds 10.5°",
+    "always": "limit alarm.precision as well",
+}
 FEW_SEEDS = 5  # below which the baseline hardly tests other frames
 
 
@@ -102,7 +106,7 @@ def check(suite: Suite | str | Path, options: CheckOptions | None = None) -> Rep
     labels = {name: scene.trial.dataset.data.labels_sha256 for name, scene in scenes.items() if scene.trial}
     if recorded and any(digest not in recorded.scenes[name].labels for name, digest in labels.items()):
         notes += _of_other_frames(len(recorded.seeds), suite, others=True)
-    return Report(suite.name, instrument.name, seed, general, notes, scenes)
+    return Report(suite.name, instrument.name, seed, general, notes + _of_alarms(scenes), scenes)
 
 
 def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None = None) -> Report:
@@ -161,7 +165,31 @@ def record(suite: Suite, options: CheckOptions | None = None, seeds: int | None 
     if len(several) > 1:
         ranges = {name: _ranges(suite.limits_of(name), each) for name, each in trials.items()}
         done += tuple(f"{name}: over these seeds: {text}" for name, text in ranges.items() if text)
-    return Report(suite.name, instrument.name, suite.seed, (), done, scenes)
+    return Report(suite.name, instrument.name, suite.seed, (), done + _of_alarms(scenes), scenes)
+
+
+def _of_alarms(scenes: Mapping[str, Outcome]) -> tuple[str, ...]:
+    """Warn if an instrument that never raises an alarm, or always does, would meet all limits on alarms."""
+    limited = {
+        name: {what: limit for what, limit in scene.limits.items() if what.startswith("alarm.")}
+        for name, scene in scenes.items()
+    }
+    answers = {
+        name: constant_alarms(scene.trial.known, scene.trial.run.time)
+        for name, scene in scenes.items()
+        if scene.trial is not None and limited[name]
+    }
+    for how, more in _BESIDE_ALARMS.items():
+        values = [
+            (f"{name} {what} {limit}", limit, answers.get(name, {}).get(how, {}).get(what))
+            for name, limits in limited.items()
+            for what, limit in limits.items()
+        ]
+        if values and all(value is not None and limit.holds(value) for _, limit, value in values):
+            met = ", ".join(f"{text} ({value:.4g})" for text, _, value in values)
+            how = f"an instrument that {how} raises an alarm"
+            return (f"warning: limits on alarms are too loose, since {how} would pass: {met}; {more}",)
+    return ()
 
 
 def _ranges(metrics: Iterable[str], trials: Sequence[Trial]) -> str:
@@ -269,7 +297,8 @@ def judged(
     rope, swing = found.known.rope_length, found.known.alpha[np.isfinite(found.known.alpha)]
     if np.nanmax(rope) - np.nanmin(rope) < LEAST_HOIST_M and any(v.what.startswith("reading.length") for v in verdicts):
         notes.append(f"{name}: warning: limits on reading.length test little, since the rope's length hardly changes")
-    if len(swing) > 1 and np.degrees(swing.std()) < HARDLY_SWINGS_DEG and any(v.constant is not None for v in verdicts):
+    of_angles = any(v.constant is not None and v.what.startswith("angle.") for v in verdicts)
+    if len(swing) > 1 and np.degrees(swing.std()) < HARDLY_SWINGS_DEG and of_angles:
         spread = f"standard deviation {np.degrees(swing.std()):.2f} deg"
         notes.append(
             f"{name}: warning: the grab hardly swings ({spread}), so that no limit on angles tests anything: take more "

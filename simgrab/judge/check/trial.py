@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simgrab.dataset.datasets import Dataset
+from simgrab.instrument.alarm import events
 from simgrab.instrument.contract import Frame, Instrument
 from simgrab.instrument.detect.pictures import centre
 from simgrab.instrument.run.run import measure
@@ -165,19 +166,42 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, float | None]
     return result
 
 
-def naive(known: Truths, limits: Mapping[str, Limit]) -> dict[str, tuple[float | None, float | None]]:
-    """Return what instruments without any picture would reach of the metrics of the angle that have limits.
+def constant_alarms(known: Truths, time: Array | None) -> dict[str, Metrics]:
+    """Return the alarms' metrics of an instrument that never raises one, and of one that always does.
+
+    They are as of an angle of 0° and of 90° in every frame at times (n,), s; without times there are none.
+    """
+    if time is None:
+        return {}
+    found: dict[str, Metrics] = {}
+    for how, alpha in (("never", 0.0), ("always", math.pi / 2)):
+        answers = swings.by_angles(np.full(len(time), alpha))
+        found[how] = flat({"alarm": swings.alarms(time, answers, events(time, answers), known.alpha)})
+    return found
+
+
+def naive(
+    known: Truths, limits: Mapping[str, Limit], time: Array | None = None
+) -> dict[str, tuple[float | None, float | None]]:
+    """Return what instruments without any picture would reach of the metrics of angle and alarms that have limits.
+
+    ``time`` (n,), s, is that of the frames, without which there are no alarms.
 
     Returns
     -------
     dict of str to tuple of 2 floats or None
         The metric of the constant answer that is best for its limit, and of one that answers the true swing of the
-        frame before. The latter is None for frames that do not follow each other in time.
+        frame before. The latter is None for frames that do not follow each other in time, and of alarms.
     """
     true = known.alpha
+    of_alarms = {name: limit for name, limit in limits.items() if name.startswith("alarm.")}
     limits = {name: limit for name, limit in limits.items() if name.startswith("angle.") and name.endswith("_deg")}
+    found: dict[str, tuple[float | None, float | None]] = {}
+    answers = constant_alarms(known, time).values() if of_alarms else ()
+    for name, limit in of_alarms.items():
+        found[name] = (_best([answer.get(name) for answer in answers], limit), None)
     if not limits or not np.isfinite(true).any():
-        return {}
+        return found
 
     def metrics(answer: Array) -> Metrics:
         return flat({"angle": swings.angles(answer, true, known.rope_length, known.weather)})
@@ -185,8 +209,11 @@ def naive(known: Truths, limits: Mapping[str, Limit]) -> dict[str, tuple[float |
     constant = [metrics(np.full(len(true), a)) for a in np.linspace(np.nanmin(true), np.nanmax(true), _ANSWERS)]
     clip = np.array([np.nan if row is None or row.clip is None else row.clip for row in known.rows], float)
     last = metrics(np.where(np.diff(clip, prepend=np.nan) == 0, np.append(np.nan, true[:-1]), np.nan))
-    found = {}
     for name, limit in limits.items():
-        values = [value for of_answer in constant if (value := of_answer.get(name)) is not None]
-        found[name] = (min(values, key=limit.excess, default=None), last.get(name))
+        found[name] = (_best([answer.get(name) for answer in constant], limit), last.get(name))
     return found
+
+
+def _best(values: Iterable[float | None], limit: Limit) -> float | None:
+    """Return the value that is best for a limit."""
+    return min((value for value in values if value is not None), key=limit.excess, default=None)

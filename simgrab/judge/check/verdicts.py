@@ -71,7 +71,7 @@ def of_trial(
     ``scene`` is its name in the suite; for ``comparisons`` see `simgrab.judge.check.baseline.reference`.
     """
     labels = trial.dataset.data.labels_sha256
-    naive_metrics = naive(trial.known, limits)
+    naive_metrics = naive(trial.known, limits, trial.run.time)
     result = []
     for metric, limit in limits.items():
         past = base.reference(recorded.scenes[scene], metric, limit, labels, comparisons) if recorded else None
@@ -94,7 +94,7 @@ def lax(verdicts: Sequence[Verdict], limits: Mapping[str, Limit]) -> list[Verdic
 
     One on the bias, which a constant answer can always make 0, is among them only if all are.
     """
-    angle = [verdict for verdict in verdicts if verdict.constant is not None]
+    angle = [one for one in verdicts if one.constant is not None and one.what.startswith("angle.")]
     met = [verdict for verdict in angle if limits[verdict.what].holds(verdict.constant or 0.0)]
     return met if len(met) == len(angle) else [v for v in met if not v.what.endswith(".bias_deg")]
 
