@@ -631,6 +631,39 @@ def disc(camera, _yaw, size):
     return camera.cx_px - size / 2, camera.cy_px - size / 2, camera.cx_px + size / 2, camera.cy_px + size / 2
 
 
+def hoisted(shape, turn, error):
+    """A grab 3 m wide on ropes of 8 to 20 m below the camera, which turns by ``turn`` rad as it is hoisted."""
+    lengths = np.linspace(8, 20, 180)
+    yaw = turn * (20 - lengths) / 12
+    seen = []
+    for length, turned in zip(lengths.tolist(), yaw.tolist(), strict=True):
+        box = shape(WIDE, turned, WIDE.focal_length_px * 3 / (length + WIDE.offset_m[2]))
+        seen.append(Measurement(status="unread", reason="-", box=box, rope_length_m=length + error))
+    return lengths, yaw, seen
+
+
+@pytest.mark.parametrize(("error", "text"), [(-2.5, "2.5 m longer"), (-1.0, ""), (1.0, ""), (2.5, "2.5 m shorter")])
+def test_less_of_a_wrong_constant_is_enough_where_the_yaw_is_known(error, text):
+    _, yaw, seen = hoisted(rectangle, 0.0, error)
+    found = _of_size(WIDE, seen, yaw)
+    assert text in found
+    assert bool(found) == bool(text)
+    assert _of_size(WIDE, seen, np.full(len(yaw), np.nan)) == ""
+
+
+@pytest.mark.parametrize(("error", "word"), [(-5.0, "longer"), (0.0, ""), (5.0, "shorter")])
+def test_a_wrong_constant_is_among_the_notes_and_stated_once_in_the_report(error, word):
+    _, _, seen = hoisted(disc, 0.0, error)
+    frames = [Frame(None, i / 9, "-") for i in range(len(seen))]
+    found = measure(frames, WIDE, Acting(lambda passing: [seen[i] for i, _ in enumerate(passing)]), source="a video")
+    notes = [note for note in found.about["notes"] if note.startswith("contradicts the camera file: ")]
+    assert len(notes) == bool(word)
+    assert all(word in note for note in notes)
+    assert [name for name, text in held(found) if "size in the picture" in text] == [
+        "contradicts the camera file"
+    ] * bool(word)
+
+
 @pytest.mark.parametrize("known", ["all", "none", "on long ropes"])
 @pytest.mark.parametrize(
     ("shape", "turn", "error", "text"),
@@ -640,13 +673,7 @@ def disc(camera, _yaw, size):
     ],
 )  # fmt: skip
 def test_a_wrong_constant_of_the_ropes_length_shows_in_the_grabs_size(shape, turn, error, text, known):
-    """A grab 3 m wide on ropes of 8 to 20 m below the camera, which turns by ``turn`` rad as it is hoisted."""
-    lengths = np.linspace(8, 20, 180)
-    yaw = turn * (20 - lengths) / 12
-    seen = []
-    for length, turned in zip(lengths.tolist(), yaw.tolist(), strict=True):
-        box = shape(WIDE, turned, WIDE.focal_length_px * 3 / (length + WIDE.offset_m[2]))
-        seen.append(Measurement(status="unread", reason="-", box=box, rope_length_m=length + error))
+    lengths, yaw, seen = hoisted(shape, turn, error)
     yaw[{"all": lengths < 0, "none": lengths > 0, "on long ropes": lengths < 14}[known]] = np.nan
     found = _of_size(WIDE, seen, yaw)
     if known == "all" or not turn:  # else a rectangle that turns looks like a wrong length

@@ -24,7 +24,7 @@ from simgrab.instrument.estimate.measure import estimate_json
 from simgrab.instrument.faults import Backlog, Fault
 from simgrab.instrument.pipeline import Live, MeasuredRecord, Pipeline, assemble
 from simgrab.instrument.run import runs
-from simgrab.instrument.run.assumed import assumptions
+from simgrab.instrument.run.assumed import CONTRADICTS, assumptions
 from simgrab.instrument.run.runs import Progress, Run
 from simgrab.instrument.run.subject import checked
 from simgrab.instrument.run.video import OverlayVideo
@@ -366,15 +366,17 @@ def _conclude(
     estimate = None if record is None else record.estimate
     reported = _controller(instrument, record)
     cut = _at_edge(measurements, calibration)
+    assumed = assumptions(calibration, record, tilt, instrument, measurements, timed=time_s is not None)
+    beyond = [f"{CONTRADICTS}: {assumed['beyond']}"] * bool(assumed["beyond"])
     about = {
         "simgrab": version("simgrab"),
         "counts": runs.counts(measurements),
         "estimate": None if estimate is None else estimate_json(estimate),
         "tilt": None if tilt is None else msgspec.to_builtins(tilt),
-        "assumed": assumptions(calibration, record, tilt, instrument, measurements, timed=time_s is not None),
+        "assumed": assumed,
         "above_10_deg": alarm.share(*np.array([(m.alpha, m.alpha_low, m.alpha_high) for m in measurements], float).T),
         "warnings": runs.alarms(early),
-        "notes": [*notes.notes, *reported.pop("notes", ()), *cut],
+        "notes": [*notes.notes, *reported.pop("notes", ()), *cut, *beyond],
         "speed": {"frames": len(measurements), "seconds": seconds, "frames_per_s": len(measurements) / seconds},
     } | ({"controller": reported} if reported else {})  # fmt: skip
     return Run(instrument.name, source, calibration, time_s, tuple(notes.names), measurements, found, about)

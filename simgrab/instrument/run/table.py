@@ -12,6 +12,7 @@ from simgrab.instrument.angles import NORMAL
 from simgrab.instrument.controller import CLOCK, in_words
 from simgrab.instrument.estimate import PaperIteration
 from simgrab.instrument.estimate.intervals import WORKING
+from simgrab.instrument.run.assumed import CONTRADICTS
 from simgrab.instrument.run.runs import Run
 from simgrab.model.geometry import Array
 
@@ -74,7 +75,10 @@ def held(run: Run) -> list[tuple[str, str]]:
     n, speed = len(run.measurements), run.about["speed"]
     read = sum(m.rope_status == "read" for m in run.measurements)
     asked = sum(bool(m.rope_status) for m in run.measurements)
-    rows = [("source", run.source), *(("  note", note) for note in run.about.get("notes", ()))]
+    rows = [
+        ("source", run.source),
+        *(("  note", note) for note in run.about.get("notes", ()) if not note.startswith(CONTRADICTS)),
+    ]
     rows += [("camera", run.about["camera"])] if "camera" in run.about else []
     rows += [("instrument", run.instrument), ("frames", str(n))]
     rows += [
@@ -107,7 +111,7 @@ def held(run: Run) -> list[tuple[str, str]]:
         pitch, sd = math.hypot(*run.about["tilt"]["pitch_deg_per_m"]), run.about["tilt"]["pitch_sd_deg_per_m"]
         by = f"{pitch:.2f} ± {NORMAL * sd:.2f} deg for each metre of radius"
         rows.append(("pitch", f"{by}; the tilt is that at {radius_m:.1f} m"))
-    for name, key in (("95 % intervals", "text"), ("warning", "leans"), ("contradicts the camera file", "beyond")):
+    for name, key in (("95 % intervals", "text"), ("warning", "leans"), (CONTRADICTS, "beyond")):
         text = run.about.get("assumed", {}).get(key)
         rows += [(name, text)] if text else []
     above = run.about.get("above_10_deg", {})
