@@ -549,6 +549,16 @@ def test_a_run_states_what_it_assumed_and_what_its_intervals_owe_to_that(found, 
     assert exact["offset_deg"] == pytest.approx(0, abs=1e-6)
     assert unknown["width_deg"] - unknown["offset_deg"] == pytest.approx(exact["width_deg"], rel=0.05)
     assert unknown["offset_deg"] > assumed["offset_deg"] > 0
+    parts = again(mount="levelled")["parts_deg"]
+    assert next(iter(parts)) == "mount"
+    assert list(parts.values()) == sorted(parts.values(), reverse=True)
+    assert parts["tilt"] == pytest.approx(assumed["parts_deg"]["tilt"])
+    sure = Pipeline(Oracle(truth_of(clip), miss=15), Reader())
+    of_sure = measure(open_source(clip), result.calibration, sure).about["assumed"]["parts_deg"]
+    assert assumed["parts_deg"]["centre"] > of_sure["centre"] >= 0
+    assert "without the camera's lean on its mount (levelled), " in again(mount="levelled")["text"]
+    assert "stated, and so taken as exact: focal length, lens distortion, rope lengths' constant" in assumed["text"]
+    assert "taken as exact: lens distortion, rope lengths' constant" in unknown["text"]
     assert "focal length 548.3 px (1 % more makes angles up to 1 % smaller)" in unknown["text"]
     bare = again(digit_layout=None)  # mean-ray knows of no offset
     assert (bare["width_deg"], bare["text"].count("camera offset")) == (None, 1)
@@ -750,6 +760,12 @@ def test_the_command_line(clip, tmp_path, monkeypatch):
     bolted = informed.about["tilt"] | {"radius_m": 25.7, "pitch_deg_per_m": [2.0, 0.3], "pitch_sd_deg_per_m": 0.05}
     rows = dict(held(dataclasses.replace(informed, about=informed.about | {"tilt": bolted})))
     assert rows["pitch"] == "2.02 ± 0.10 deg for each metre of radius; the tilt is that at 25.7 m"
+    assert "tilt's azimuth" not in rows
+    by_swing = {"tilt_azimuth_deg": 41.0, "diagnostics": {"roll_deg": 4.0, "roll_sd_deg": 0.3}}
+    stated = {"tilt_azimuth_deg": 45.0, "roll_deg": 0.0}
+    rolled = {name: informed.about[name] | of for name, of in (("estimate", by_swing), ("tilt", stated))}
+    rows = dict(held(dataclasses.replace(informed, about=informed.about | rolled)))
+    assert rows["tilt's azimuth"] == "41 deg by this roll; 45 deg in tilt.toml by the camera file's roll of 0 deg"
     for why, begins in (("", "used: "), ("it rests", "not used: it rests")):
         about = informed.about | {"controller": informed.about["controller"] | {"load_unused": why}}
         assert dict(held(dataclasses.replace(informed, about=about)))["controller's load"].startswith(begins)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from simgrab.instrument.angles import NORMAL
+from simgrab.instrument.angles import NORMAL, RecordArrays
 from simgrab.instrument.contract import Instrument, Measurement
+from simgrab.instrument.estimate import Estimator
 from simgrab.instrument.estimate.follow import Known, far_offset, tested_offsets
 from simgrab.instrument.estimate.intervals import LEAN_BY_MOUNT
 from simgrab.instrument.estimate.solve import stated_ends
@@ -30,6 +32,8 @@ LEANS = "the camera leans as the crane moves, which makes 95 % intervals up to {
 # Of the longest rope, where the shortest is far shorter: by the smaller side of upright boxes, and where that of the
 # grab itself shows the same. Without an error, cycles of 30 s or more reached 0.14 by the former, and 0.03 by both.
 MOST_ERROR, MOST_ERROR_OF_BOTH = 0.08, 0.05
+_PARTS = {"centre": "errors of the grab's centre", "wind_m_s": "the stated wind"}
+_EXACT = {"focal_length_px": "focal length", "k1": "lens distortion", "display_constant_m": "rope lengths' constant"}
 _TEXTS = {
     "focal_length_px": "focal length {0.focal_length_px:g} px (1 % more makes angles up to 1 % smaller)",
     "cx_px": "principal point ({0.cx_px:g}, {0.cy_px:g}) px",
@@ -55,9 +59,10 @@ def assumptions(
     dict
         ``inputs``: keys of the camera file that were assumed; ``width_deg``: mean width of the 95 % intervals of α;
         ``offset_deg``: by how much it would be less if the offset were known exactly, for a tilt of the whole record;
-        else both are None. ``text``: both in one line. ``beyond``: estimates that contradict what was stated, a line.
-        ``leans``: that a camera leans or may lean as the crane moves, a line; empty where that is measured, and without
-        time.
+        else both are None. ``parts_deg``: the same of each part that is cheap to compute, the largest first, and
+        ``tilt``, the width that the estimated tilt alone makes. ``text``: these in one line. ``beyond``: estimates that
+        contradict what was stated, a line. ``leans``: that a camera leans or may lean as the crane moves, a line; empty
+        where that is measured, and without time.
     """
     used = None if record is None else record.estimator
     live_radius = False
@@ -69,12 +74,18 @@ def assumptions(
     leans = timed and intervals and used is not None and not moving(used) and camera.mount != "fixed"
     pitched = record.pitched if record else tilt is not None and tilt.radius_m is not None and live_radius
     leans = leans and not pitched
-    width, owed = _widths(camera, record, instrument) or (None, None)
+    width, owed = _widths(camera, record, instrument) or (None, {})
     x, y, z = camera.offset_m
     offset = f"camera offset ({x:g}, {y:g}, {z:g}) ± {camera.offset_sd_m:g} m"
     parts = []
-    if width is not None and owed is not None:
-        parts.append(f"{owed:.2f}° of their mean width of {width:.2f}° come from: {offset}")
+    if width is not None:
+        names = _PARTS | {
+            "mount": f"the camera's lean on its mount ({camera.mount})",
+            "offset_m": f"errors of the {offset}",
+        }
+        less = ", ".join(f"{deg:.2f}° without {names[part]}" for part, deg in owed.items() if part != "tilt")
+        tilt_alone = f"; the estimated tilt alone makes {owed['tilt']:.2f}°" if "tilt" in owed else ""
+        parts.append(f"their mean width of {width:.2f}° would be less by {less}{tilt_alone}")
     texts = _TEXTS | ({"k1": "no lens distortion"} if camera.intrinsics.distortion.is_null else {})
     known = record is not None and record.estimate is not None and "roll" in record.estimate.diagnostics
     guesses = set(camera.assumed) - ({"roll_deg"} if known else set())
@@ -90,14 +101,17 @@ def assumptions(
         outside.append("lean of the grab in steady wind")
     if not intervals:
         parts = ["none: the record does not determine them"] if any(m.alpha is not None for m in measured) else []
-    elif outside:
-        parts.append(f"errors of these are not in them: {', '.join(outside)}")
+    else:
+        parts += [f"errors of these are not in them: {', '.join(outside)}"] if outside else []
+        exact = [name for key, name in _EXACT.items() if key not in guesses and used is not None]
+        parts += [f"stated, and so taken as exact: {', '.join(exact)}"] if exact else []
     by_motion = moving(used) and not (used is not None and used.needs_imu)
     fixed = None if record is None or record.estimate is None else tested_offsets(record.estimate)[1]
     offset_m = None if tilt is None else tilt.weak_prior_offset_m or tilt.offset_m
     far = far_offset(offset_m, camera, by_motion=by_motion, fixed=fixed)
     yaw = np.array([np.nan if s.yaw is None else s.yaw for s in record.arrays.observations] if record else [], float)
-    return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed, "text": "; ".join(parts),
+    return {"inputs": list(camera.assumed), "width_deg": width, "offset_deg": owed.get("offset_m"),
+            "parts_deg": owed, "text": "; ".join(parts),
             "leans": _leans(camera.mount, record, instrument) if leans else "",
             "beyond": "; ".join(filter(None, [far, _of_size(camera, measured, yaw)]))}  # fmt: skip
 
@@ -161,20 +175,41 @@ def _turned(upright: Array, yaw: Array) -> Array:
     return np.asarray((upright * c - upright[:, ::-1] * s) / straight)
 
 
-def _widths(camera: Calibration, record: MeasuredRecord | None, instrument: Instrument) -> tuple[float, float] | None:
-    """Mean width of intervals, and by how much it would be less without an error of the offset, degrees."""
+def _widths(
+    camera: Calibration, record: MeasuredRecord | None, instrument: Instrument
+) -> tuple[float, dict[str, float]] | None:
+    """Mean width of intervals, and by how much it would be less without an error of each part, degrees.
+
+    All but the offset only for estimators of single frames, which take milliseconds.
+    """
     if record is None or record.estimate is None or not isinstance(instrument, Pipeline) or instrument.calibrate_s:
         return None
     estimator, estimate = record.estimator, record.estimate
     if estimator is None or estimate.alpha is None or estimate.offset is None:
         return None
     x, y, z = estimate.offset.tolist()  # so that the estimate itself stays the same
-    exact = msgspec.structs.replace(camera, offset_m=(x, y, z), offset_sd_m=0.0)
-    again = record.arrays.estimate(estimator, exact)
-    if not again.ok:
+    exact = {"offset_m": (x, y, z), "offset_sd_m": 0.0}
+    fixed, arrays, still = {"mount": "fixed"}, record.arrays, estimator
+    changes: dict[str, tuple[dict[str, Any], RecordArrays, Estimator]] = {"offset_m": (exact, arrays, estimator)}
+    if not estimator.needs_time:
+        sure = replace(arrays, pixel_sd=np.zeros_like(arrays.pixel_sd))
+        changes["centre"] = ({}, sure, estimator)
+        if camera.mount in LEAN_BY_MOUNT and arrays.time is not None:
+            changes["mount"] = (fixed, arrays, estimator)
+        if estimator.intervals.wind_m_s:
+            still = replace(estimator, intervals=replace(estimator.intervals, wind_m_s=0.0))
+            changes["wind_m_s"] = ({}, arrays, still)
+        changes["tilt"] = (exact | fixed, sure, still)
+    width, found = _width(stated_ends(estimate)), {}
+    for part, (of_camera, of_arrays, by) in changes.items():
+        again = of_arrays.estimate(by, msgspec.structs.replace(camera, **of_camera))
+        if not again.ok:
+            return None
+        other = _width(stated_ends(again))
+        found[part] = other if part == "tilt" else max(width - other, 0.0)
+    if math.isnan(width + sum(found.values())):
         return None
-    width, less = (_width(stated_ends(one)) for one in (estimate, again))
-    return None if math.isnan(width + less) else (width, max(width - less, 0.0))
+    return width, dict(sorted(found.items(), key=lambda one: -one[1]))
 
 
 def _width(ends: Array) -> float:

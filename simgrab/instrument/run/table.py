@@ -105,6 +105,10 @@ def held(run: Run) -> list[tuple[str, str]]:
             within = NORMAL * estimate["diagnostics"]["roll_sd_deg"]
             state = "; state it as roll_deg in the camera file" if within < SURE_ROLL_DEG else ""
             rows.append(("roll", f"{roll:.1f} ± {within:.1f} deg by the swing{state}"))
+            if (tilt := run.about["tilt"]) is not None and estimate["tilt_azimuth_deg"] is not None:
+                with_it, stated = estimate["tilt_azimuth_deg"], tilt["tilt_azimuth_deg"]
+                by = f"in tilt.toml by the camera file's roll of {tilt['roll_deg']:g} deg"
+                rows.append(("tilt's azimuth", f"{with_it:.0f} deg by this roll; {stated:.0f} deg {by}"))
     elif run.about["tilt"] is not None:
         rows.append(("estimator", run.about["tilt"]["estimator"]))
     if (radius_m := (run.about["tilt"] or {}).get("radius_m")) is not None:
