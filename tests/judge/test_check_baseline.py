@@ -80,6 +80,24 @@ def test_with_both_ends_it_is_worse_to_come_nearer_to_one_than_the_reference():
     assert [ref.holds(value, limit) for value in (1.2, 1.05, 0.0, -1.05, -1.2)] == [False, True, True, True, False]
 
 
+@pytest.mark.parametrize(
+    ("value", "limit", "warned"),
+    [
+        (0.281, Limit(upper=5, slack=0.02), True), (0.281, Limit(upper=5, slack=0.03), False),
+        (0.305, Limit(upper=5), False), (0.4, Limit(upper=5, slack=0.02), False),
+        (0.281, Limit(lower=-5, upper=5, slack=0.02), True), (0.4, Limit(lower=0, slack=0.02), True),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("labels", ["labels 1", "labels 9"])
+def test_a_value_that_is_better_by_more_than_it_may_be_worse_is_noticed(value, limit, warned, labels):
+    """On the recorded frames by slack alone, on others by that and the spread over seeds."""
+    past = reference(recorded([0.305 - 0.05, 0.305, 0.305 + 0.05]), "rmse", limit, labels, 1)
+    verdict = verdicts.Verdict(
+        scene="", what="rmse", status="passed", value=value, reference=past.value, allowed=past.allowed
+    )
+    assert verdicts.surpasses(verdict, limit) == (warned and labels == "labels 1")
+
+
 @pytest.mark.parametrize("values", [[1.0], [None, None], [1.0, None]])
 def test_of_less_than_two_seeds_no_spread_is_known(values):
     assert reference(recorded(values), "rmse", Limit(upper=5), "other", 1) is None
@@ -94,7 +112,9 @@ def test_both_ends_of_all_limits_share_the_chance():
 def test_a_metric_fails_by_its_limit_and_by_the_baseline_alike():
     dataset = SimpleNamespace(data=SimpleNamespace(labels_sha256="labels 0"))
     known = SimpleNamespace(alpha=np.zeros(1))
-    trial = SimpleNamespace(dataset=dataset, metrics={"rmse": 3.0}, known=known, centres=[])
+    trial = SimpleNamespace(
+        dataset=dataset, metrics={"rmse": 3.0}, known=known, run=SimpleNamespace(time=None), centres=[]
+    )
     past = baseline.Baseline("s", "i", "0", (0,), {"x": recorded([1.0])})
     (verdict,) = verdicts.of_trial("x", trial, {"rmse": Limit(upper=2.0)}, past, 1)
     assert verdict.status == "failed"

@@ -306,6 +306,17 @@ def test_limits_that_a_constant_answer_meets_are_named(place, tmp_path):
     assert warned(frames={"lower": 1}) == []
 
 
+@pytest.mark.parametrize("by_deg", [0.0, 0.005, 0.02])
+def test_a_figure_that_is_better_than_the_baseline_by_more_than_its_slack_is_named(by_deg, place, sound_trial):
+    better = {**sound_trial.metrics, RMSE: sound_trial.metrics[RMSE] - by_deg}
+    other, small = dataclasses.replace(sound_trial, metrics=better), suite.load(place / "small.toml")
+    scene = gate.judged("swing", other, small.limits_of("swing"), baseline.load(place / "baselines"))
+    notes = [note for note in scene.notes if "better than the baseline" in note]
+    assert {v.status for v in scene.verdicts} == {"passed"}
+    assert len(notes) == (by_deg > SUITE["limits"][RMSE]["slack"])
+    assert all(f"{RMSE} {better[RMSE]:.4g} (baseline: {sound_trial.metrics[RMSE]:.4g})" in note for note in notes)
+
+
 def test_the_last_value_is_that_of_the_frame_before_in_the_same_clip():
     rows = [
         SimpleNamespace(present=True, alpha_deg=alpha, clip=clip, rope_length_m=20.0)

@@ -102,6 +102,24 @@ def test_planted_errors_are_found_where_they_are(clean, swinging, tmp_path):
     assert found["frames"]["missed"] == labelled // 10
 
 
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({}, ""),
+        ({"focal_length_px": 575.7}, "focal_length_px 575.7 in place of 548.3"),
+        ({"k1": -0.1, "offset_m": (0.0, -0.6, -0.3)}, "k1 -0.1 in place of 0; offset_m [0, -0.6, -0.3] in place of"),
+        ({"offset_m": (0.0, 0.65, -0.3)}, ""),  # as far off as the file states
+    ],
+)
+def test_a_camera_file_that_differs_from_the_true_camera_is_named(clean, swinging, changes, named):
+    other = dataclasses.replace(clean, calibration=msgspec.structs.replace(clean.calibration, **changes))
+    found = evaluate(other, swinging / "data")
+    assert named in found["run"]["camera"]
+    assert bool(found["run"]["camera"]) == bool(named)
+    notes = [table.note for table in tables(found)]
+    assert any(named and named in note for note in notes) == bool(named)
+
+
 def test_misread_digits_are_counted(clean, swinging):
     def swapped(m):
         return msgspec.structs.replace(m, rope_text=(m.rope_text or "").translate(str.maketrans("38", "83")))
@@ -568,6 +586,12 @@ def test_a_refused_stage_is_the_limit():
 
     assert of(0, 0.1, 0.3, 0.31, 0.32, 0.33) == "tilt estimated"
     assert of(0, 0.05, 0.4, None, 0.31, 0.32) == "camera as nominally known (refused)"
+
+
+def test_all_contributions_are_named_the_largest_first():
+    chain = [{"stage": s, "rmse_deg": e} for s, e in (("true", 0.0), ("tilt", 0.3), ("camera", 0.5), ("rope", 0.499))]
+    assert budget.contributions(chain) == "camera (0.40°); then tilt (0.30°)"
+    assert budget.contributions([*chain, {"stage": "centre", "rmse_deg": None}]) == "centre (refused)"
 
 
 def test_the_computation_of_angles_itself_may_be_the_limit(clean, swinging):

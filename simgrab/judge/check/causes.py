@@ -15,7 +15,7 @@ from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run.runs import Run, reasons
 from simgrab.judge.check.mistakes import CLEARLY, FEWEST, Mistake, likely, of_centres, of_rope
 from simgrab.judge.check.trial import Metrics, Trial, flat
-from simgrab.judge.evaluate.budget import by_centres, limit, of_tilt, with_lengths
+from simgrab.judge.evaluate.budget import by_centres, contributions, of_tilt, with_lengths
 from simgrab.judge.evaluate.swings import alarms, angles, by_angles, coverage
 from simgrab.judge.evaluate.truths import Truths
 from simgrab.model.geometry import Array, swing_of
@@ -262,7 +262,7 @@ def _of_stages(
         " This is about the whole error, of which another part may have grown since the baseline." if compared else ""
     )
     known, budget = trial.known, trial.evaluation.budget
-    most = "" if budget is None else limit(msgspec.to_builtins(budget.chain))
+    most = "" if budget is None else contributions(msgspec.to_builtins(budget.chain))
     centre_deg, tilt = np.rad2deg(_rms(swing_of(by_centres(run, known))[0] - known.alpha)), of_tilt(run, known)
     if trial.centres and centre_deg**2 > rmse**2 / 2 and not steady:
         off_px = float(np.quantile([c.off_px for c in trial.centres], 0.95))

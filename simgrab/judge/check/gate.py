@@ -23,7 +23,7 @@ from simgrab.judge.check.baseline import Baseline
 from simgrab.judge.check.report import Outcome, Report
 from simgrab.judge.check.suite import Limit, Suite, load
 from simgrab.judge.check.trial import Trial, constant_alarms, trial
-from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial
+from simgrab.judge.check.verdicts import Verdict, lax, leaves_out, of_trial, surpasses
 from simgrab.judge.evaluate.swings import HARDLY_SWINGS_DEG
 from simgrab.text import printable
 
@@ -293,6 +293,12 @@ def judged(
         notes.append(
             f"{name}: warning: {without:.0f} of {found.metrics['frames.ok']:.0f} angles are of frames without a grab; "
             "set a limit on frames.without_grab"
+        )
+    better = [v for v in verdicts if v.status == "passed" and surpasses(v, limits[v.what])]
+    if listed := ", ".join(f"{v.what} {v.value:.4g} (baseline: {v.reference:.4g})" for v in better):
+        notes.append(
+            f"{name}: warning: better than the baseline by more than chance or slack: {listed}; a fault, as of lens "
+            "or offset, may offset an error that was there; where the change is meant, --update-baseline records it"
         )
     rope, swing = found.known.rope_length, found.known.alpha[np.isfinite(found.known.alpha)]
     if np.nanmax(rope) - np.nanmin(rope) < LEAST_HOIST_M and any(v.what.startswith("reading.length") for v in verdicts):

@@ -89,6 +89,13 @@ def passes(verdict: Verdict, value: float | None, limit: Limit) -> bool:
     return past[0] is None or past[1] is None or Reference(past[0], past[1], same_frames=True).holds(value, limit)
 
 
+def surpasses(verdict: Verdict, limit: Limit) -> bool:
+    """Whether a value is better than the baseline's by more than it might be worse."""
+    if verdict.value is None or verdict.reference is None or verdict.allowed is None:
+        return False
+    return limit.excess(verdict.reference) - limit.excess(verdict.value) > verdict.allowed
+
+
 def lax(verdicts: Sequence[Verdict], limits: Mapping[str, Limit]) -> list[Verdict]:
     """Return the verdicts on errors of the angle whose limits a constant answer meets.
 

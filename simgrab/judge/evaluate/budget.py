@@ -24,6 +24,8 @@ from simgrab.model.truth import Row
 
 _KNOWN_SD_M = 1e-4  # of a known offset
 DRAWS = 20
+_LEAST_DEG = 0.005  # of a contribution that is named
+_LENS, _SAME_M = ("k1", "k2", "k3", "p1", "p2"), 0.01
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,20 @@ def limit(chain: Sequence[Mapping[str, Any]]) -> str:
         if row["rmse_deg"] is None:
             return f"{row['stage']} (refused)"
     return str(chain[1 + int(np.argmax(np.diff([row["rmse_deg"] ** 2 for row in chain])))]["stage"])
+
+
+def contributions(chain: Sequence[Mapping[str, Any]]) -> str:
+    """Name all stages that add to the mean square error, with the root of what each adds, the largest first."""
+    for row in chain:
+        if row["rmse_deg"] is None:
+            return f"{row['stage']} (refused)"
+    added = zip(
+        np.diff([row["rmse_deg"] ** 2 for row in chain]).tolist(), (row["stage"] for row in chain[1:]), strict=True
+    )
+    first, *others = sorted(added, key=lambda one: -one[0])
+    texts = [f"{stage} ({square**0.5:.2f}°)" for square, stage in others if square > _LEAST_DEG**2]
+    most = f"{first[1]} ({max(first[0], 0.0) ** 0.5:.2f}°)"
+    return f"{most}; then {', '.join(texts)}" if texts else most
 
 
 @dataclass(frozen=True)
@@ -257,6 +273,21 @@ def true_camera(rows: Sequence[Row], nominal: Calibration) -> Calibration:
         k1=row.k1, k2=row.k2, p1=row.p1, p2=row.p2, k3=row.k3, roll_deg=float(np.rad2deg(roll)),
         offset_m=(row.offset_x_m, row.offset_y_m, row.offset_z_m), offset_sd_m=_KNOWN_SD_M,
     )  # fmt: skip
+
+
+def camera_errors(run: Run, known: Truths) -> str:
+    """State which lens and offset of a run's camera file are not the true ones; a tilt estimated with them hides it."""
+    rows = [row for row in known.rows if row is not None]
+    if not rows or len({_built(row) for row in rows}) > 1:
+        return ""
+    used, true = run.calibration, true_camera(rows, run.calibration)
+    most = {"focal_length_px": 1e-3 * true.focal_length_px, "cx_px": 1.0, "cy_px": 1.0} | dict.fromkeys(_LENS, 1e-3)
+    pairs = [(name, getattr(used, name), getattr(true, name)) for name in most]
+    found = [f"{name} {a:g} in place of {b:g}" for name, a, b in pairs if abs(a - b) > most[name]]
+    if np.abs(np.subtract(used.offset_m, true.offset_m)).max() > max(2 * used.offset_sd_m, _SAME_M):
+        a, b = (", ".join(f"{x:g}" for x in one.offset_m) for one in (used, true))
+        found.append(f"offset_m [{a}] in place of [{b}]")
+    return f"The run's camera file differs from the true camera: {'; '.join(found)}." if found else ""
 
 
 def by_pose(rows: tuple[Row, ...], pixels: Array, rope: Array) -> Array:

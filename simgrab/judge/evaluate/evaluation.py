@@ -11,7 +11,7 @@ import numpy as np
 from simgrab.instrument.contract import Measurement
 from simgrab.instrument.run.runs import Run
 from simgrab.judge.evaluate import detection, reading, swings, warnings
-from simgrab.judge.evaluate.budget import budget
+from simgrab.judge.evaluate.budget import budget, camera_errors
 from simgrab.judge.evaluate.detection import Case
 from simgrab.judge.evaluate.opened import opened
 from simgrab.judge.evaluate.reading import Read
@@ -50,8 +50,9 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
     run, known = opened(run, known, start_s)
     found = {
         "run": Provenance(
-            run.source, run.instrument, known.matched, _still(known.alpha), _unit(run.alpha, known.alpha)
-        ),
+            run.source, run.instrument, known.matched, _still(known.alpha), _unit(run.alpha, known.alpha),
+            camera_errors(run, known),
+        ),  # fmt: skip
         "frames": {
             "all": len(run.measurements),
             "known": sum(r is not None for r in known.rows),

@@ -91,7 +91,7 @@ def _of_angle(
         width = number(interval["width_deg"], 2)
         note = f"95 % intervals cover the true α in {percent(interval['share'])}, at a mean width of {width}°."
     of_nothing = f"{without_grab} angles are of frames without a grab." if without_grab else ""
-    notes = " ".join(filter(None, (run["unit"], note, of_nothing, run["still"], run["matched"])))
+    notes = " ".join(filter(None, (run["unit"], note, of_nothing, run["still"], run["camera"], run["matched"])))
     return TextTable("Errors of the swing angle, degrees", ("", *ERRORS), tuple(rows), notes)
 
 

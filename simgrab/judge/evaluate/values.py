@@ -218,7 +218,8 @@ class FrameCounts(msgspec.Struct, frozen=True):
 class Provenance(msgspec.Struct, frozen=True):
     """Source and instrument, and notes, empty where there is nothing to note.
 
-    They are on how frames were matched by time, on a grab that hardly swings, and on angles that seem to be in radians.
+    They are on how frames were matched by time, on a grab that hardly swings, on angles that seem to be in radians, and
+    on where the run's camera file differs from the true camera.
     """
 
     source: str
@@ -226,6 +227,7 @@ class Provenance(msgspec.Struct, frozen=True):
     matched: str = ""
     still: str = ""
     unit: str = ""
+    camera: str = ""
 
 
 class Evaluation(msgspec.Struct, frozen=True):
