@@ -49,10 +49,7 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
     """
     run, known = opened(run, known, start_s)
     found = {
-        "run": Provenance(
-            run.source, run.instrument, known.matched, _still(known.alpha), _unit(run.alpha, known.alpha),
-            camera_errors(run, known),
-        ),  # fmt: skip
+        "run": _provenance(run, known),
         "frames": {
             "all": len(run.measurements),
             "known": sum(r is not None for r in known.rows),
@@ -70,6 +67,11 @@ def evaluate(run: Run | str | Path, known: Truths | str | Path, start_s: float |
         "budget": budget(run, known),
     }
     return msgspec.convert(found, Evaluation, from_attributes=True)
+
+
+def _provenance(run: Run, known: Truths) -> Provenance:
+    still, unit = _still(known.alpha), _unit(run.alpha, known.alpha)
+    return Provenance(run.source, run.instrument, known.matched, still, unit, camera_errors(run, known))
 
 
 def _still(true: Array) -> str:
