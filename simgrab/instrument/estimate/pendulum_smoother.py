@@ -41,7 +41,7 @@ from simgrab.instrument.estimate.pendulum import (
     of_tilt,
     sensed_lean,
 )
-from simgrab.instrument.estimate.pendulum_fit import ROUNDS, PendulumFit, PendulumPriors, first_path, fit
+from simgrab.instrument.estimate.pendulum_fit import FARTHEST, ROUNDS, PendulumFit, PendulumPriors, first_path, fit
 from simgrab.instrument.estimate.rope_aware import BEYOND_GRAB, RopeAware
 from simgrab.instrument.estimate.strengths import FAST, LEAST_NOISE_PX, NOISE, SLOW
 from simgrab.model.calibration import Calibration
@@ -314,22 +314,27 @@ class PendulumSmoother(Estimator):
 def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> PendulumFit:
     """Fit from the clock that fits best after a few steps: from a second off, the true one may not be reached.
 
-    If another fits about alike by then, the more likely of their two fits counts. One by which pictures have no noise
-    comes last: its forces follow each pixel.
+    If another fits about alike by then, the more likely of their two fits counts. One that ends at a bound comes last: by
+    it pictures have no noise, as forces follow each pixel, or the grab hangs as much shorter as it may.
     """
     reach = 2 * float(priors.sd[CLOCK])
     steps = int(reach / CLOCK_STEP_S)
-    if not steps:
+    if not priors.jib.moves:
         return fit(nodes, path, start, strengths, priors)
-    delays = np.outer(np.linspace(-reach, reach, 2 * steps + 1), np.arange(len(start)) == CLOCK)
+    delays = np.outer(np.arange(-steps, steps + 1) * (reach / max(steps, 1)), np.arange(len(start)) == CLOCK)
     tried = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
     tried.sort(key=lambda one: one.minimum.value)
     best = tried[0]
     others = [one for one in tried if abs(one.parameters[CLOCK] - best.parameters[CLOCK]) > CLOCK_STEP_S / 2]
     likely = [best, *(one for one in others[:1] if CLEARLY * one.minimum.value < best.minimum.value)]
     found = [fit(nodes, one.path, one.parameters, strengths, priors) for one in likely]
-    exact = np.log(1.01 * LEAST_NOISE_PX / priors.focal_px)
-    return min(found, key=lambda one: (one.strengths[NOISE] < exact, one.cost))
+
+    def at_a_bound(one: PendulumFit) -> bool:
+        noise_px = np.exp(one.strengths[NOISE]) * priors.focal_px
+        longer = abs(one.parameters[LONGER] - priors.mean[LONGER]) / priors.sd[LONGER]
+        return bool(noise_px < 1.01 * LEAST_NOISE_PX or longer > 0.99 * FARTHEST.max())
+
+    return min(found, key=lambda one: (at_a_bound(one), one.cost))
 
 
 def _of_jib(found: PendulumFit, jib: JibMotion) -> dict[str, float]:
