@@ -57,19 +57,11 @@ class Blender:
 
 @dataclass(frozen=True)
 class Maker:
-    """Makes worlds in a folder.
-
-    Attributes
-    ----------
-    folder : Path
-    size : tuple of 2 ints
-    samples, threads : int
-        Of the path tracer.
-    trace : PathTracer
-    """
+    """Makes worlds in a folder."""
 
     folder: Path
     size: tuple[int, int]
+    # samples, threads: of the path tracer
     samples: int
     threads: int
     trace: PathTracer

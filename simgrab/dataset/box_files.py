@@ -30,29 +30,16 @@ SPLIT_NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class BoxedImage:
-    """An image, by its path in the dataset with forward slashes, and its boxes.
-
-    Attributes
-    ----------
-    split : str
-        As the dataset names it; empty where it names none.
-    where : str
-        What messages call the labels.
-    boxes : tuple of (str, ndarray of shape (4,))
-        Class, and x0, y0, x1, y1 in px or, with ``shares``, in shares of the image.
-    size : tuple of 2 numbers, optional
-        Width and height that the labels state, px.
-    crowds : frozenset of str
-        Classes of which a region shows several that are not distinguished.
-    """
+    """An image, by its path in the dataset with forward slashes, and its boxes."""
 
     file: str
-    split: str
-    where: str
+    split: str  # as the dataset names it; empty where it names none
+    where: str  # what messages call the labels
+    # (4,), class, and x0, y0, x1, y1 in px or, with `shares`, in shares of the image
     boxes: tuple[tuple[str, Array], ...]
     shares: bool
-    size: tuple[float, float] | None = None
-    crowds: frozenset[str] = frozenset()
+    size: tuple[float, float] | None = None  # width and height that the labels state, px
+    crowds: frozenset[str] = frozenset()  # classes of which a region shows several that are not distinguished
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,21 +40,11 @@ MOST_PROJECTIONS = 4096
 
 @dataclass(frozen=True, eq=False)
 class Vetted:
-    """Results of checking that a recipe is possible, kept so that they are not computed again.
+    """Results of checking that a recipe is possible, kept so that they are not computed again."""
 
-    Attributes
-    ----------
-    seen : int
-        Frames that show the grab.
-    plan : Plan or None
-        Of the world; None if each clip has its own world.
-    projections : dict of int to Projection
-        Of at most `MOST_PROJECTIONS` frames.
-    """
-
-    seen: int
-    plan: Plan | None = None
-    projections: dict[int, Projection] = field(default_factory=dict)
+    seen: int  # frames that show the grab
+    plan: Plan | None = None  # of the world; None if each clip has its own world
+    projections: dict[int, Projection] = field(default_factory=dict)  # of at most `MOST_PROJECTIONS` frames
 
 
 def automatic(recipe: Recipe, *, by_clip: bool = False, shard_frames: int | None = None) -> tuple[int, str]:

@@ -28,29 +28,19 @@ class TallyColumns(msgspec.Struct, frozen=True):
 
 
 class Tally(msgspec.Struct, frozen=True):
-    """Sums over frames; two of them can be added.
+    """Sums over frames; two of them can be added."""
 
-    Attributes
-    ----------
-    splits : tuple of 3 int
-        Frames in train, val and test.
-    labelled, below_least : int
-        Frames with a detection label, and those that show too little of the grab for one.
-    alpha_squares : float
-        Sum of α², deg².
-    clamped : tuple of 2 int
-        Frames in which each of `simgrab.model.scenario.CLAMPABLE` was replaced by the nearest possible value.
-    """
-
-    splits: tuple[int, int, int] = (0, 0, 0)
+    splits: tuple[int, int, int] = (0, 0, 0)  # frames in train, val and test
+    # labelled, below_least: frames with a detection label, and those that show too little of the grab for one
     labelled: int = 0
     below_least: int = 0
-    alpha_squares: float = 0.0
+    alpha_squares: float = 0.0  # sum of α², deg²
     alpha_max: float = 0.0
     beta_min: float = math.inf
     beta_max: float = -math.inf
     shortest_m: float = math.inf
     longest_m: float = -math.inf
+    # frames in which each of `simgrab.model.scenario.CLAMPABLE` was replaced by the nearest possible value
     clamped: tuple[int, int] = (0, 0)
 
     @classmethod

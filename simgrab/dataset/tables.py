@@ -267,26 +267,14 @@ def tables_of(
 
 @dataclass(frozen=True)
 class Contents:
-    """What the files are made from that describe a dataset.
+    """What the files are made from that describe a dataset."""
 
-    Attributes
-    ----------
-    core : dict
-        See `simgrab.dataset.manifest.identity`.
-    tiles : iterable of (ndarray, Row)
-        Frames of the contact sheet, BGR.
-    tally : Tally
-        Of all frames.
-    layout : str
-        A format of `simgrab.dataset.export`.
-    """
-
-    core: dict[str, Any]
+    core: dict[str, Any]  # see `simgrab.dataset.manifest.identity`
     scenario: Scenario
     rendered_by: Fingerprint
-    tiles: Iterable[tuple[NDArray[np.uint8], Row]]
-    tally: Tally
-    layout: str = "simgrab"
+    tiles: Iterable[tuple[NDArray[np.uint8], Row]]  # frames of the contact sheet, BGR
+    tally: Tally  # of all frames
+    layout: str = "simgrab"  # a format of `simgrab.dataset.export`
 
 
 def finish(store: Store, contents: Contents, digests: dict[str, str]) -> None:

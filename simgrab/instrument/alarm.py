@@ -29,33 +29,22 @@ RELEASED_AT, QUIET_S = math.radians(9), 6.0
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
-    """One alarm. Indices are of the record's frames, angles radians.
+    """One alarm. Indices are of the record's frames, angles radians."""
 
-    Attributes
-    ----------
-    first, last, peak : int
-        Frame in which the alarm was raised, last frame above the release, and frame of the largest α.
-    onset_s, end_s, peak_s : float
-        Their times.
-    alpha, alpha_low, alpha_high : float
-        At the peak, with the ends of its interval where there is one.
-    danger : float
-        Greatest probability.
-    ongoing : bool
-        Whether the record ended before the alarm did.
-    """
-
+    # first, last, peak: frame in which the alarm was raised, last frame above the release, and frame of the largest α
     first: int
     last: int
     peak: int
+    # onset_s, end_s, peak_s: their times
     onset_s: float
     end_s: float
     peak_s: float
+    # alpha, alpha_low, alpha_high: at the peak, with the ends of its interval where there is one
     alpha: float
     alpha_low: float | None
     alpha_high: float | None
-    danger: float
-    ongoing: bool
+    danger: float  # greatest probability
+    ongoing: bool  # whether the record ended before the alarm did
 
     @property
     def duration_s(self) -> float:

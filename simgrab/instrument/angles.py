@@ -27,19 +27,11 @@ AT_ONCE = 256  # frames whose forecasts are sampled together
 
 @dataclass(frozen=True, kw_only=True)
 class RecordArrays(PixelRecord):
-    """A record of n frames as arrays, and what they were made from.
+    """A record of n frames as arrays, and what they were made from."""
 
-    Attributes
-    ----------
-    rope_length : ndarray, shape (n,)
-    observations : sequence of n Observation
-    jump : ndarray of bool, shape (n,)
-        Frames with a length that the hoist cannot have reached.
-    """
-
-    rope_length: Array
+    rope_length: Array  # (n,)
     observations: Sequence[Observation]
-    jump: NDArray[np.bool_]
+    jump: NDArray[np.bool_]  # (n,), frames with a length that the hoist cannot have reached
 
     def direction_sd(self, focal_px: float) -> Array:
         """Return the standard deviation of each direction per axis from the pixel alone, rad, shape (n,)."""

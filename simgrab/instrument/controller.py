@@ -46,63 +46,32 @@ class Radii(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    r"""Readings of the crane's controller on the clock of the pictures.
+    """Readings of the crane's controller on the clock of the pictures.
 
     A row of NaN stands in each gap too long to be bridged, so that linear interpolation gives NaN there.
-
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        s, increasing; 0 is the first frame. The stated lag is taken off.
-    slew : ndarray, shape (n,), or None
-        Slewing angle, rad, unwrapped, counter-clockwise seen from above; its zero is arbitrary.
-    radius : ndarray, shape (n,), or None
-        From the slewing axis to O, m.
-    rope : ndarray, shape (n,), or None
-        \|OA\|, m.
-    slew_sd, radius_sd : float
-        Standard deviation of one reading, rad, m, from resolution and jitter; 0 where there are no readings.
-    clock_sd_s : float
-        Standard deviation of what is still unknown of the clock's offset, s.
-    notes : tuple of str
-        Readings that were refused, with their number and the reason, a line each.
-    hold_s : float
-        How long the rope's length is taken to stay after the last reading.
-    clock_from : str
-        What states the clock.
-    rope_unit : str
-        Of the rope's length as stated, a key of `LENGTHS`, for messages.
-    wind : ndarray, shape (m, 2), or None
-        Times, s, and speeds, m/s; without NaN.
-    load : ndarray, shape (k, 2), or None
-        Times, s, and hoisted masses of grab and cargo, kg; without NaN.
-    grab_kg : float
-        Mass of the empty grab, with ``load``.
-    slew_setpoint, radius_setpoint : ndarray, shape (n,), or None
-        Speeds that are demanded of the drives, rad/s and m/s.
-    motion_late_s : float
-        How long after its time a reading of slew or radius is known.
-    slew_still_sd, radius_still_sd : float or None
-        As ``slew_sd`` and ``radius_sd``, of a jib at rest, to which jitter does no harm; None if that is no less.
     """
 
-    time: Array
+    time: Array  # (n,), s, increasing; 0 is the first frame; the stated lag is taken off
+    # (n,), slewing angle, rad, unwrapped, counter-clockwise seen from above; its zero is arbitrary
     slew: Array | None = None
-    radius: Array | None = None
-    rope: Array | None = None
+    radius: Array | None = None  # (n,), from the slewing axis to O, m
+    rope: Array | None = None  # (n,), |OA|, m
+    # slew_sd, radius_sd: standard deviation of one reading, rad, m, by resolution and jitter; 0 without readings
     slew_sd: float = 0.0
     radius_sd: float = 0.0
-    clock_sd_s: float = 0.0
-    notes: tuple[str, ...] = ()
-    hold_s: float = 0.0
-    clock_from: str = "its description"
-    rope_unit: str = "m"
-    wind: Array | None = None
-    load: Array | None = None
-    grab_kg: float = 0.0
-    slew_setpoint: Array | None = None
-    radius_setpoint: Array | None = None
-    motion_late_s: float = 0.0
+    clock_sd_s: float = 0.0  # standard deviation of what is still unknown of the clock's offset, s
+    notes: tuple[str, ...] = ()  # readings that were refused, with their number and the reason, a line each
+    hold_s: float = 0.0  # how long the rope's length is taken to stay after the last reading
+    clock_from: str = "its description"  # what states the clock
+    rope_unit: str = "m"  # of the rope's length as stated, a key of `LENGTHS`, for messages
+    wind: Array | None = None  # (m, 2), times, s, and speeds, m/s; without NaN
+    load: Array | None = None  # (k, 2), times, s, and hoisted masses of grab and cargo, kg; without NaN
+    grab_kg: float = 0.0  # mass of the empty grab, with `load`
+    slew_setpoint: Array | None = None  # (n,), speeds that are demanded of the drives, rad/s and m/s
+    radius_setpoint: Array | None = None  # (n,)
+    motion_late_s: float = 0.0  # how long after its time a reading of slew or radius is known
+    # slew_still_sd, radius_still_sd: as `slew_sd` and `radius_sd`, of a jib at rest, to which jitter does no harm;
+    # None if that is no less
     slew_still_sd: float | None = None
     radius_still_sd: float | None = None
 
@@ -242,21 +211,12 @@ class Controller:
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What is added to the controller's times to get those of the pictures: positive if its clock is behind theirs.
-
-    Attributes
-    ----------
-    offset_s, sd_s : float
-    source : str
-        What determined it.
-    difference_m : float or None
-        Mean of the display's rope length less the controller's.
-    """
+    """What is added to the controller's times to get those of the pictures: positive if its clock is behind theirs."""
 
     offset_s: float
     sd_s: float
-    source: str
-    difference_m: float | None = None
+    source: str  # what determined it
+    difference_m: float | None = None  # mean of the display's rope length less the controller's
 
     @property
     def interval_s(self) -> tuple[float, float]:

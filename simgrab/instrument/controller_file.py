@@ -82,32 +82,18 @@ class ClockColumn(Checked, frozen=True, kw_only=True):
 
 
 class Quantity(Checked, frozen=True, kw_only=True):
-    """Column of a quantity.
-
-    Attributes
-    ----------
-    column : str
-    rate_hz : float
-        Readings a second.
-    resolution : float
-        Size of a count, in the column's unit.
-    lag_s : float
-        How late readings are stamped.
-    jitter_s : float, optional
-        Standard deviation of the lag; by default that of a reading of any age up to one period. Estimators of a whole
-        record take it as the greatest possible one.
-    file : str
-        File beside the description, if the column is in another one.
-    """
+    """Column of a quantity."""
 
     error = RecordError
 
     column: str
-    rate_hz: Annotated[float, Meta(gt=0, le=1000)]
-    resolution: Annotated[float, Meta(gt=0, le=1000)]
-    lag_s: Annotated[float, Meta(ge=-60, le=60)] = 0.0
+    rate_hz: Annotated[float, Meta(gt=0, le=1000)]  # readings a second
+    resolution: Annotated[float, Meta(gt=0, le=1000)]  # size of a count, in the column's unit
+    lag_s: Annotated[float, Meta(ge=-60, le=60)] = 0.0  # how late readings are stamped
+    # standard deviation of the lag; by default that of a reading of any age up to one period; estimators of a whole
+    # record take it as the greatest possible one
     jitter_s: Annotated[float, Meta(ge=0, le=60)] | None = None
-    file: str = ""
+    file: str = ""  # file beside the description, if the column is in another one
 
     @property
     def jitter(self) -> float:
@@ -177,21 +163,7 @@ class Load(Quantity, frozen=True, kw_only=True):
 
 
 class ControllerFacts(Checked, frozen=True, kw_only=True):
-    """Description of a controller's data: at least one quantity, and radius or luff, not both.
-
-    Attributes
-    ----------
-    time : ClockColumn
-    slew : Slew or None
-    radius : Radius or None
-    luff : Luff or None
-    rope : Length or None
-        Of the hoisting rope, |OA|.
-    wind : Wind or None
-    load : Load or None
-    longest_gap_s : float
-        Readings further apart are not joined.
-    """
+    """Description of a controller's data: at least one quantity, and radius or luff, not both."""
 
     error = RecordError
 
@@ -199,10 +171,10 @@ class ControllerFacts(Checked, frozen=True, kw_only=True):
     slew: Slew | None = None
     radius: Radius | None = None
     luff: Luff | None = None
-    rope: Length | None = None
+    rope: Length | None = None  # of the hoisting rope, |OA|
     wind: Wind | None = None
     load: Load | None = None
-    longest_gap_s: Annotated[float, Meta(gt=0, le=60)] = 2.0
+    longest_gap_s: Annotated[float, Meta(gt=0, le=60)] = 2.0  # readings further apart are not joined
 
     def check(self) -> None:  # noqa: D102
         if not self.quantities:

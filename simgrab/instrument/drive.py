@@ -25,27 +25,13 @@ MOST_MISFIT = 3.0  # standard deviations of readings (root mean square) and of t
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """An axis whose speed goes to the setpoint in a ramp, of which begin and duration are not known.
+    """An axis whose speed goes to the setpoint in a ramp, of which begin and duration are not known."""
 
-    Attributes
-    ----------
-    value : float
-        Now, rad or m.
-    final : float
-        Speed after the ramp, per second.
-    age_s : ndarray, shape (168,)
-        Time since the ramp began, of each of the pairs of `DELAY_S` and `RAMP_S`.
-    change : ndarray, shape (168,)
-        Final speed less that before the ramp.
-    weight : ndarray, shape (168,)
-        Probability.
-    """
-
-    value: float
-    final: float
-    age_s: Array
-    change: Array
-    weight: Array
+    value: float  # now, rad or m
+    final: float  # speed after the ramp, per second
+    age_s: Array  # (168,), time since the ramp began, of each of the pairs of `DELAY_S` and `RAMP_S`
+    change: Array  # (168,), final speed less that before the ramp
+    weight: Array  # (168,), probability
 
     @classmethod
     def of(cls, time: Array, values: Array, setpoints: Array, sd: float) -> Drive | None:

@@ -35,21 +35,12 @@ _SILENT = {"lost": "picture", "missed": "grab", "unread": "rope", "refused": "an
 
 
 class Fault(msgspec.Struct, frozen=True):
-    """Something that went wrong, or is well again.
+    """Something that went wrong, or is well again."""
 
-    Attributes
-    ----------
-    time_s : float
-        Of the frame in which it was found.
-    kind : str
-        ``"picture"``, ``"grab"``, ``"rope"`` or ``"angle"``: none for half a minute, or again; ``"source"``: a stream
-        was connected again, its time stamps jumped, or it is measured late; ``"exposure"``; ``"camera"``: its tilt
-        changed at once; ``"controller"``: its readings stopped, came back, or their clock jumped or is not that of the
-        pictures.
-    text : str
-    """
-
-    time_s: float
+    time_s: float  # of the frame in which it was found
+    # `"picture"`, `"grab"`, `"rope"` or `"angle"`: none for half a minute, or again; `"source"`: a stream was
+    # connected again, its time stamps jumped, or it is measured late; `"exposure"`; `"camera"`: its tilt changed at
+    # once; `"controller"`: its readings stopped, came back, or their clock jumped or is not that of the pictures
     kind: str
     text: str
 

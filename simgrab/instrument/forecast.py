@@ -40,27 +40,16 @@ UNSEEN = 1e6  # variance of a place that was not seen
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What frames so far say of the swings of k records.
+    """What frames so far say of the swings of k records."""
 
-    Attributes
-    ----------
-    mean : ndarray, shape (k, 7)
-        State of `simgrab.instrument.estimate.pendulum`, and the jib's turning rate, rad/s.
-    covariance : ndarray, shape (k, 7, 7)
-    rope, hoist : ndarray, shape (k,)
-        |OA|, m, NaN before the first frame; its rate, m/s.
-    reported : ndarray, shape (k, 3)
-        Forcing, rad, and turning rate that a controller reports, which add to those of ``mean``; NaN where it does not.
-    planned : ndarray, shape (k, 18, 17, 3)
-        The same in the next seconds, as `Controller.jib_motion` gives it.
-    """
-
-    mean: Array
-    covariance: Array
-    rope: Array
-    hoist: Array
+    mean: Array  # (k, 7), state of `simgrab.instrument.estimate.pendulum`, and the jib's turning rate, rad/s
+    covariance: Array  # (k, 7, 7)
+    rope: Array  # (k,), |OA|, m, NaN before the first frame
+    hoist: Array  # (k,), rate of `rope`, m/s
+    # (k, 3), forcing, rad, and turning rate that a controller reports, which add to those of `mean`; NaN where it
+    # does not
     reported: Array
-    planned: Array
+    planned: Array  # (k, 18, 17, 3), the same in the next seconds, as `Controller.jib_motion` gives it
 
     @classmethod
     def before(cls, records: int) -> State:
@@ -72,23 +61,13 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Next seconds of k records; NaN where there is no state.
+    """Next seconds of k records; NaN where there is no state."""
 
-    Attributes
-    ----------
-    warning : ndarray, shape (k,)
-        Probability that α exceeds 10° within `HORIZON_S`, now included.
-    peak, peak_low, peak_high : ndarray, shape (k,)
-        Median of α at the next turning point, rad, and the ends of its 95 % interval.
-    peak_in_s : ndarray, shape (k,)
-        Median time to it, s, at most `HORIZON_S`.
-    """
-
-    warning: Array
-    peak: Array
-    peak_low: Array
-    peak_high: Array
-    peak_in_s: Array
+    warning: Array  # (k,), probability that α exceeds 10° within `HORIZON_S`, now included
+    peak: Array  # (k,), median of α at the next turning point, rad
+    peak_low: Array  # (k,), ends of its 95 % interval
+    peak_high: Array  # (k,)
+    peak_in_s: Array  # (k,), median time to it, s, at most `HORIZON_S`
 
 
 class Forecaster:

@@ -42,31 +42,17 @@ MOST_METADATA = 100_000  # characters of an entry that is read
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """An ONNX file that can be run.
-
-    Attributes
-    ----------
-    path : Path
-    inputs, outputs : dict of str to tuple
-        Shapes by name; a free dimension is None.
-    types : tuple of str
-        Types of the inputs, as onnxruntime names them.
-    facts : dict
-        Metadata written by simgrab; empty for other files.
-    metadata : dict of str to str
-        All metadata of the file, except entries of more than `MOST_METADATA` characters.
-    refuse : callable
-        Makes the error to raise from a message.
-    """
+    """An ONNX file that can be run."""
 
     path: Path
     session: onnxruntime.InferenceSession
+    # inputs, outputs: shapes by name; a free dimension is None
     inputs: Mapping[str, tuple[int | None, ...]]
     outputs: Mapping[str, tuple[int | None, ...]]
-    types: tuple[str, ...]
-    facts: dict[str, Any]
-    metadata: Mapping[str, str]
-    refuse: Callable[[str], SimgrabError] = DetectorError
+    types: tuple[str, ...]  # types of the inputs, as onnxruntime names them
+    facts: dict[str, Any]  # metadata written by simgrab; empty for other files
+    metadata: Mapping[str, str]  # all metadata of the file, except entries of more than `MOST_METADATA` characters
+    refuse: Callable[[str], SimgrabError] = DetectorError  # makes the error to raise from a message
 
     def __call__(
         self, pictures: NDArray[np.generic], names: Sequence[str] | None = None

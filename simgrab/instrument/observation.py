@@ -16,39 +16,23 @@ from simgrab.model.records.observations import Detection
 
 
 class Observation(msgspec.Struct, frozen=True, gc=False):
-    """Observation of one frame: about a kilobyte, so that records may last hours. Pixels and metres.
-
-    Attributes
-    ----------
-    time_s : float or None
-    lost : str
-        Why there was no picture; empty where there was one.
-    missed : str
-        Why no grab was detected in it; empty where one was.
-    score : float
-    box, centre, centre_sd : tuple of floats, or None
-        As in `simgrab.instrument.contract.Measurement`; the centre is the box's if the detector predicts no other.
-    yaw : float or None
-        As in `simgrab.model.records.observations.Detection`.
-    rope_text : str or None
-    rope_status, rope_reason : str
-        As in `simgrab.model.records.observations.Reading`; empty if no display was to be read.
-    hoist_m : float or None
-        Hoist rope on the display.
-    """
+    """Observation of one frame: about a kilobyte, so that records may last hours. Pixels and metres."""
 
     time_s: float | None
-    lost: str = ""
-    missed: str = ""
+    lost: str = ""  # why there was no picture; empty where there was one
+    missed: str = ""  # why no grab was detected in it; empty where one was
     score: float = 0.0
+    # box, centre, centre_sd: as in `simgrab.instrument.contract.Measurement`; the centre is the box's if the detector
+    # predicts no other
     box: tuple[float, float, float, float] | None = None
     centre: tuple[float, float] | None = None
     centre_sd: tuple[float, float] | None = None
-    yaw: float | None = None
+    yaw: float | None = None  # as in `simgrab.model.records.observations.Detection`
     rope_text: str | None = None
+    # rope_status, rope_reason: as in `simgrab.model.records.observations.Reading`; empty if no display was to be read
     rope_status: str = ""
     rope_reason: str = ""
-    hoist_m: float | None = None
+    hoist_m: float | None = None  # hoist rope on the display
 
 
 def observe(

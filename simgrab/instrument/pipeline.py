@@ -53,34 +53,17 @@ WINDOW_S = 10.0  # of readings that a live one is compared with
 
 @dataclass(frozen=True)
 class MeasuredRecord:
-    """Result of an instrument for a record of n frames.
-
-    Attributes
-    ----------
-    arrays : RecordArrays
-    measurements : tuple of n Measurement
-    estimate : Estimate or None
-        Estimate of the tilt, or its refusal; None if the tilt was given.
-    tilt : Known or None
-        Tilt with which the swings were computed; None if there was none.
-    clock : ClockOffset or None
-        Offset of the controller's clock; None without its data.
-    estimator : Estimator or None
-        What made the estimate, with the readings that it used.
-    doubt : str
-        What the swing contradicts, as `simgrab.instrument.estimate.doubts.doubt` returns it; mostly empty.
-    pitched : bool
-        Whether the tilt followed the radius of the rope exit.
-    """
+    """Result of an instrument for a record of n frames."""
 
     arrays: RecordArrays
     measurements: tuple[Measurement, ...]
-    estimate: Estimate | None
-    tilt: Known | None
-    clock: ClockOffset | None = None
-    estimator: Estimator | None = None
+    estimate: Estimate | None  # estimate of the tilt, or its refusal; None if the tilt was given
+    tilt: Known | None  # tilt with which the swings were computed; None if there was none
+    clock: ClockOffset | None = None  # offset of the controller's clock; None without its data
+    estimator: Estimator | None = None  # what made the estimate, with the readings that it used
+    # what the swing contradicts, as `simgrab.instrument.estimate.doubts.doubt` returns it; mostly empty
     doubt: str = ""
-    pitched: bool = False
+    pitched: bool = False  # whether the tilt followed the radius of the rope exit
 
 
 @dataclass(frozen=True)

@@ -27,29 +27,15 @@ CLIP_GAP_S = 60.0  # between a dataset's clips, which are records of their own
 
 @dataclass(frozen=True)
 class PictureFiles:
-    """Picture files, each read when it is needed.
-
-    Attributes
-    ----------
-    name : str
-    files : tuple of n Path
-    times : tuple of n float or None
-    root : Path
-    labels_sha256 : str
-        SHA-256 of a dataset's labels, which identifies it; empty for a folder of pictures.
-    bits : int or None
-        Bits of a value of 16-bit pictures, as `simgrab.io.pictures.bits` finds them.
-    note : str
-        Assumptions on all pictures, or pictures left out; mostly empty.
-    """
+    """Picture files, each read when it is needed."""
 
     name: str
     files: tuple[Path, ...]
     times: tuple[float | None, ...]
     root: Path
-    labels_sha256: str = ""
-    bits: int | None = None
-    note: str = ""
+    labels_sha256: str = ""  # SHA-256 of a dataset's labels, which identifies it; empty for a folder of pictures
+    bits: int | None = None  # bits of a value of 16-bit pictures, as `simgrab.io.pictures.bits` finds them
+    note: str = ""  # assumptions on all pictures, or pictures left out; mostly empty
     live = False
 
     @property

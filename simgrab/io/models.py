@@ -45,21 +45,12 @@ def _places(name: str, of: str) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model's file and the files it refers to.
+    """A model's file and the files it refers to."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the model's own file.
-    files : mapping of str to bytes
-        The model's own file and those it refers to, each by its path, with slashes, relative to the model's folder.
-    missing : tuple of str
-        Pictures and material libraries that it refers to but that are not in its folder.
-    """
-
-    name: str
+    name: str  # name of the model's own file
+    # the model's own file and those it refers to, each by its path, with slashes, relative to the model's folder
     files: Mapping[str, bytes]
-    missing: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()  # pictures and material libraries that it refers to but that are not in its folder
 
     @property
     def format(self) -> str:

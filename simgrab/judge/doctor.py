@@ -27,52 +27,30 @@ from simgrab.world import gl
 
 @dataclass(frozen=True)
 class Rasterizer:
-    """Mesa's llvmpipe, which compiles its code for the machine's CPU.
+    """Mesa's llvmpipe, which compiles its code for the machine's CPU."""
 
-    Attributes
-    ----------
-    mesa, llvm : str
-        Versions.
-    vector_bits : int
-        Width of its vectors: 256 with AVX, 128 without; ``LP_NATIVE_VECTOR_WIDTH`` sets another.
-    """
-
+    # mesa, llvm: versions
     mesa: str
     llvm: str
-    vector_bits: int
+    vector_bits: int  # width of its vectors: 256 with AVX, 128 without; `LP_NATIVE_VECTOR_WIDTH` sets another
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Result of `examine`.
+    """Result of `examine`."""
 
-    Attributes
-    ----------
-    backend : str
-        ``egl``, ``osmesa``, ``disabled``, or what ``MUJOCO_GL`` was set to.
-    renderer : Fingerprint or None
-        None where no context could be opened; then ``problem`` gives the reason and what to install.
-    second_renderer : str
-        The second renderer that audits use here, with its version; empty where there is none.
-    second_problem : str
-        Why there is no second renderer, and what to install.
-    rasterizer : Rasterizer or None
-        Version of Mesa's software renderer; None where another driver renders.
-    cpu_features : dict of str to tuple of str
-        By library, the features of this CPU that it uses beyond its build's baseline: features that NumPy and OpenCV
-        dispatch to, code of Intel's IPP in OpenCV, kernels of the OpenBLAS in NumPy and SciPy. With other features,
-        results may differ in the last bit.
-    versions : dict of str to str
-        Versions of simgrab, of the packages in a manifest, on which bytes depend, and of a few others.
-    """
-
-    backend: str
+    backend: str  # `egl`, `osmesa`, `disabled`, or what `MUJOCO_GL` was set to
+    # None where no context could be opened; then `problem` gives the reason and what to install
     renderer: Fingerprint | None
     problem: str
-    second_renderer: str
-    second_problem: str
-    rasterizer: Rasterizer | None
+    second_renderer: str  # the second renderer that audits use here, with its version; empty where there is none
+    second_problem: str  # why there is no second renderer, and what to install
+    rasterizer: Rasterizer | None  # version of Mesa's software renderer; None where another driver renders
+    # by library, the features of this CPU that it uses beyond its build's baseline: features that NumPy and OpenCV
+    # dispatch to, code of Intel's IPP in OpenCV, kernels of the OpenBLAS in NumPy and SciPy; with other features,
+    # results may differ in the last bit
     cpu_features: dict[str, tuple[str, ...]]
+    # versions of simgrab, of the packages in a manifest, on which bytes depend, and of a few others
     versions: dict[str, str]
 
 

@@ -47,24 +47,12 @@ MOST_GAIN = 4.0  # of a colour
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """A matched scene.
+    """A matched scene."""
 
-    Attributes
-    ----------
-    theirs : Appearance
-        Of the user's footage.
-    scene : str
-        The scene's file.
-    training : str
-        The file of a scene to train on.
-    ours : Appearance or None
-        Of a video rendered by the scene; None where it was not wanted.
-    """
-
-    theirs: Appearance
-    scene: str
-    training: str
-    ours: Appearance | None
+    theirs: Appearance  # of the user's footage
+    scene: str  # the scene's file
+    training: str  # the file of a scene to train on
+    ours: Appearance | None  # of a video rendered by the scene; None where it was not wanted
 
     def save(self, folder: Path) -> None:
         """Write scenes, camera file and page into a folder."""

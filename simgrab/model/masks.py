@@ -26,16 +26,9 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class Coded(msgspec.Struct, frozen=True):
-    """A mask's compressed run lengths, as the COCO API has them.
+    """A mask's compressed run lengths, as the COCO API has them."""
 
-    Attributes
-    ----------
-    size : tuple of 2 int
-        Height and width, px.
-    counts : str
-    """
-
-    size: tuple[int, int]
+    size: tuple[int, int]  # height and width, px
     counts: str
 
     def decoded(self, row: Row, where: object) -> NDArray[np.bool_]:

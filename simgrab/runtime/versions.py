@@ -14,22 +14,13 @@ PACKAGES = ("mujoco", "numpy", "opencv-python-headless", "pillow", "pyarrow", "p
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """The renderer of the pictures. Equal fingerprints render equal bytes; EGL and OSMesa of one Mesa build do too.
+    """The renderer of the pictures. Equal fingerprints render equal bytes; EGL and OSMesa of one Mesa build do too."""
 
-    Attributes
-    ----------
-    renderer, version : str
-        Name and version of OpenGL.
-    mujoco : str
-        Version.
-    passes : str
-        Version of simgrab's own render passes; empty in datasets of before there were any.
-    """
-
+    # renderer, version: name and version of OpenGL
     renderer: str
     version: str
-    mujoco: str
-    passes: str = ""
+    mujoco: str  # version
+    passes: str = ""  # version of simgrab's own render passes; empty in datasets of before there were any
 
     def __str__(self) -> str:
         own = f", passes {self.passes}" if self.passes else ""

@@ -30,41 +30,20 @@ CHANGING = (
 
 @dataclass(frozen=True)
 class Card:
-    """A model card.
+    """A model card."""
 
-    Attributes
-    ----------
-    name : str
-        Stem of the file, e.g. ``"pose"``.
-    task : str
-        What goes in and what comes out, in a sentence or two.
-    data : tuple of DatasetIdentity
-    examples : int
-        What was trained on, counted as the task counts.
-    recipe : mapping
-        Every setting of the training.
-    epochs : int
-        Epochs run; the best one's weights are kept.
-    seconds : float
-        Wall time of the training.
-    metrics : mapping
-        On validation data: overall, and ``by_weather``.
-    started_from : str
-        Which pretrained weights it began with, and the SHA-256 of the net in between, if any; empty after random ones.
-    real : mapping
-        Of the real frames that were learned from too: ``frames``, ``videos``, how many ``times`` each counts, and the
-        ``labels_sha256``; empty where there were none.
-    """
-
-    name: str
-    task: str
+    name: str  # stem of the file, e.g. `"pose"`
+    task: str  # what goes in and what comes out, in a sentence or two
     data: tuple[DatasetIdentity, ...]
-    examples: int
-    recipe: Mapping[str, Any]
-    epochs: int
-    seconds: float
-    metrics: Mapping[str, Any]
+    examples: int  # what was trained on, counted as the task counts
+    recipe: Mapping[str, Any]  # every setting of the training
+    epochs: int  # epochs run; the best one's weights are kept
+    seconds: float  # wall time of the training
+    metrics: Mapping[str, Any]  # on validation data: overall, and `by_weather`
+    # which pretrained weights it began with, and the SHA-256 of the net in between, if any; empty after random ones
     started_from: str = ""
+    # of the real frames that were learned from too: `frames`, `videos`, how many `times` each counts, and the
+    # `labels_sha256`; empty where there were none
     real: Mapping[str, Any] = field(default_factory=dict)
 
     def of(self, data: bytes) -> dict[str, Any]:

@@ -70,28 +70,15 @@ class TrainingReport:
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained net.
+    """A trained net."""
 
-    Attributes
-    ----------
-    net : torch.nn.Module
-        Averaged weights of the best epoch, on the CPU, in evaluation mode.
-    figures : dict of str to float
-        Validation figures of that epoch.
-    epoch, epochs : int
-        That epoch, and how many were run.
-    seconds : float
-        Wall time, interruptions left out.
-    examples : int
-        Learned from in each epoch.
-    """
-
-    net: nn.Module
-    figures: dict[str, float]
+    net: nn.Module  # averaged weights of the best epoch, on the CPU, in evaluation mode
+    figures: dict[str, float]  # validation figures of that epoch
+    # epoch, epochs: that epoch, and how many were run
     epoch: int
     epochs: int
-    seconds: float
-    examples: int
+    seconds: float  # wall time, interruptions left out
+    examples: int  # learned from in each epoch
 
 
 def train(

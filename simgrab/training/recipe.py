@@ -15,52 +15,23 @@ RANGES = {
 
 @dataclass(frozen=True)
 class TrainingRecipe:
-    """Settings of one training.
+    """Settings of one training."""
 
-    Attributes
-    ----------
-    seed : int
-        Of the first weights, the order of the examples and every augmentation.
-    epochs : int
-        Passes over the examples.
-    batch : int
-        Examples a step.
-    rate : float
-        Largest learning rate; see `rate_at`.
-    warm_up : float
-        Share of the steps in which the rate rises.
-    final : float
-        The last rate, as a share of the largest one.
-    weight_decay : float
-        AdamW's, for weights of two dimensions and more.
-    clip : float
-        Largest norm of the gradient.
-    average : float
-        Decay a step of the moving average of the weights, which is what comes out.
-    patience : int
-        Stop after so many epochs without a better validation score; 0 never stops early.
-    threads : int
-        Of torch, each of which learns from its part of a batch (`simgrab.training.copies`): another number gives other
-        weights. On cores that others use as well, choose fewer.
-    device : str
-        ``"cpu"``, ``"cuda"``, …
-    half : bool
-        Multiply in bfloat16 (worth it where the machine has units for it).
-    """
-
-    seed: int = 0
-    epochs: int = 40
-    batch: int = 32
-    rate: float = 2e-3
-    warm_up: float = 0.1
-    final: float = 1e-3
-    weight_decay: float = 0.02
-    clip: float = 5.0
-    average: float = 0.998
-    patience: int = 0
+    seed: int = 0  # of the first weights, the order of the examples and every augmentation
+    epochs: int = 40  # passes over the examples
+    batch: int = 32  # examples a step
+    rate: float = 2e-3  # largest learning rate; see `rate_at`
+    warm_up: float = 0.1  # share of the steps in which the rate rises
+    final: float = 1e-3  # the last rate, as a share of the largest one
+    weight_decay: float = 0.02  # AdamW's, for weights of two dimensions and more
+    clip: float = 5.0  # largest norm of the gradient
+    average: float = 0.998  # decay a step of the moving average of the weights, which is what comes out
+    patience: int = 0  # stop after so many epochs without a better validation score; 0 never stops early
+    # of torch, each of which learns from its part of a batch (`simgrab.training.copies`): another number gives other
+    # weights; on cores that others use as well, choose fewer
     threads: int = 2
-    device: str = "cpu"
-    half: bool = False
+    device: str = "cpu"  # `"cpu"`, `"cuda"`, …
+    half: bool = False  # multiply in bfloat16 (worth it where the machine has units for it)
 
     def __post_init__(self) -> None:
         for name, (least, most) in RANGES.items():

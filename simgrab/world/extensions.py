@@ -45,20 +45,11 @@ class Extensions:
     """The user's functions, which replace simgrab's own or run after them.
 
     Each draws only from the generator it is given, so that frames are the same in any order and on any worker.
-
-    Attributes
-    ----------
-    randomiser : callable or None
-        Called once for each clip, after ``vary``.
-    trajectory : callable or None
-        Replaces the scenario's swing.
-    effects : tuple of callable
-        Applied in turn to the finished picture.
     """
 
-    randomiser: Randomiser | None = None
-    trajectory: Motion | None = None
-    effects: tuple[Effect, ...] = ()
+    randomiser: Randomiser | None = None  # called once for each clip, after `vary`
+    trajectory: Motion | None = None  # replaces the scenario's swing
+    effects: tuple[Effect, ...] = ()  # applied in turn to the finished picture
 
     @classmethod
     def of(

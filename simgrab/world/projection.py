@@ -23,31 +23,18 @@ NEAREST_DEPTH_M = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """One frame's moment, and the grab's position in the picture.
+    """One frame's moment, and the grab's position in the picture."""
 
-    Attributes
-    ----------
-    nominal : Moment
-        Moment from the trajectory: the middle row's mid-exposure.
-    moment : Moment
-        Instant of the labels: the exposure of the row that shows the grab centre.
-    centre_camera : ndarray, shape (3,)
-        Grab centre A, camera frame, m.
-    amodal_box : ndarray, shape (4,), or None
-        Tight box x0, y0, x1, y1 around the whole silhouette, px; None if the lens shows no part of it, or the grab is
-        absent.
-    oriented_box : ndarray, shape (4, 2), or None
-        Corners of the smallest rotated rectangle around the whole silhouette, px; None whenever the amodal box is.
-    keypoints_camera : ndarray, shape (10, 3)
-        In the order of `simgrab.model.truth.KEYPOINT_NAMES`, camera frame, m.
-    """
-
-    nominal: Moment
-    moment: Moment
-    centre_camera: Array
+    nominal: Moment  # moment from the trajectory: the middle row's mid-exposure
+    moment: Moment  # instant of the labels: the exposure of the row that shows the grab centre
+    centre_camera: Array  # (3,), grab centre A, camera frame, m
+    # (4,), tight box x0, y0, x1, y1 around the whole silhouette, px; None if the lens shows no part of it, or the
+    # grab is absent
     amodal_box: Array | None
+    # (4, 2), corners of the smallest rotated rectangle around the whole silhouette, px; None whenever the amodal box
+    # is
     oriented_box: Array | None
-    keypoints_camera: Array
+    keypoints_camera: Array  # (10, 3), in the order of `simgrab.model.truth.KEYPOINT_NAMES`, camera frame, m
 
     @property
     def window(self) -> Window:

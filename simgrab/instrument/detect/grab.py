@@ -62,52 +62,33 @@ Shapes = tuple[tuple[int, ...], ...]
 
 
 class Settings(Checked, frozen=True):
-    """Thresholds and sizes; a file's metadata may replace them.
-
-    Attributes
-    ----------
-    least_heat : float
-        Least heat of a candidate.
-    least_presence : float
-        Least presence at which a candidate is a grab.
-    candidates : int
-        How many candidates the pose net gets at most.
-    rivals : float
-        Share of the hottest candidate's heat from which others are candidates too.
-    clear : float
-        Logit of the presence in the first crop above which no further candidate is tried.
-    room, close : float
-        Side of the pose net's crop, over the box's longer side: of the first, and of the closer one about the result.
-    """
+    """Thresholds and sizes; a file's metadata may replace them."""
 
     error = DetectorError
 
-    least_heat: Share = 0.02
-    least_presence: Share = 0.5
-    candidates: Annotated[int, msgspec.Meta(ge=1, le=8)] = 3
-    rivals: Share = 0.1
+    least_heat: Share = 0.02  # least heat of a candidate
+    least_presence: Share = 0.5  # least presence at which a candidate is a grab
+    candidates: Annotated[int, msgspec.Meta(ge=1, le=8)] = 3  # how many candidates the pose net gets at most
+    rivals: Share = 0.1  # share of the hottest candidate's heat from which others are candidates too
+    # logit of the presence in the first crop above which no further candidate is tried
     clear: Annotated[float, msgspec.Meta(ge=-50, le=50)] = 2.0
+    # room, close: side of the pose net's crop, over the box's longer side: of the first, and of the closer one about
+    # the result
     room: Room = 2.1
     close: Room = 1.4
 
 
 class Calibration(Checked, frozen=True):
-    """Corrections of the pose net's outputs, measured on validation frames.
-
-    Attributes
-    ----------
-    slope, heat, offset : float
-        The presence is the logistic function of ``slope`` times the net's mean logit, plus ``heat`` times the logit of
-        the candidate's heat, plus ``offset`` (Platt 1999, here with two scores).
-    box, centre, yaw : float
-        Factors of the stated standard deviations.
-    """
+    """Corrections of the pose net's outputs, measured on validation frames."""
 
     error = DetectorError
 
+    # slope, heat, offset: the presence is the logistic function of `slope` times the net's mean logit, plus `heat`
+    # times the logit of the candidate's heat, plus `offset` (Platt 1999, here with two scores)
     slope: Factor = 1.0
     heat: Factor = 0.0
     offset: Annotated[float, msgspec.Meta(ge=-50, le=50)] = 0.0
+    # box, centre, yaw: factors of the stated standard deviations
     box: Factor = 1.0
     centre: Factor = 1.0
     yaw: Factor = 1.0
@@ -132,25 +113,14 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Output of the pose net for a crop.
+    """Output of the pose net for a crop."""
 
-    Attributes
-    ----------
-    places : ndarray, shape (6,)
-        Edges x0, y0, x1, y1 of the box and centre of the grab, px of the picture.
-    sd : ndarray, shape (6,)
-        Standard deviation of each.
-    yaw, yaw_sd : float
-        Yaw of the grab, rad, from 0 to π.
-    presence : float
-        Logit of the probability that the grab is there.
-    """
-
-    places: Array
-    sd: Array
+    places: Array  # (6,), edges x0, y0, x1, y1 of the box and centre of the grab, px of the picture
+    sd: Array  # (6,), standard deviation of each
+    # yaw, yaw_sd: yaw of the grab, rad, from 0 to π
     yaw: float
     yaw_sd: float
-    presence: float
+    presence: float  # logit of the probability that the grab is there
 
     @property
     def box(self) -> Array:

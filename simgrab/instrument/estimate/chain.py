@@ -22,24 +22,13 @@ from simgrab.model.geometry import Array
 
 @dataclass(frozen=True)
 class Quadratic:
-    """c − 2 gᵀδ + δᵀHδ in changes δ of n states of d numbers each and of p parameters.
+    """c − 2 gᵀδ + δᵀHδ in changes δ of n states of d numbers each and of p parameters."""
 
-    Attributes
-    ----------
-    band : ndarray, shape (2d, n·d)
-        Lower band of H's states: its diagonal blocks and those below.
-    border : ndarray, shape (n·d, p)
-    corner : ndarray, shape (p, p)
-    pull_states : ndarray, shape (n·d,)
-    pull_parameters : ndarray, shape (p,)
-    constant : float
-    """
-
-    band: Array
-    border: Array
-    corner: Array
-    pull_states: Array
-    pull_parameters: Array
+    band: Array  # (2d, n·d), lower band of H's states: its diagonal blocks and those below
+    border: Array  # (n·d, p)
+    corner: Array  # (p, p)
+    pull_states: Array  # (n·d,)
+    pull_parameters: Array  # (p,)
     constant: float
 
     def __add__(self, other: Quadratic) -> Quadratic:
@@ -88,27 +77,14 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Minimum of a `Quadratic`.
+    """Minimum of a `Quadratic`."""
 
-    Attributes
-    ----------
-    states : ndarray, shape (n·d,)
-    parameters : ndarray, shape (p,)
-    value : float
-    factor : ndarray, shape (2d, n·d)
-        Cholesky factor of the states' block, in lower band form.
-    gain : ndarray, shape (n·d, p)
-        Change of the states with the parameters, with opposite sign.
-    covariance : ndarray, shape (p, p)
-        Covariance of the parameters, H being an inverse covariance.
-    """
-
-    states: Array
-    parameters: Array
+    states: Array  # (n·d,)
+    parameters: Array  # (p,)
     value: float
-    factor: Array
-    gain: Array
-    covariance: Array
+    factor: Array  # (2d, n·d), Cholesky factor of the states' block, in lower band form
+    gain: Array  # (n·d, p), change of the states with the parameters, with opposite sign
+    covariance: Array  # (p, p), covariance of the parameters, H being an inverse covariance
 
 
 def linear(blocks: Array, parameters: Array, residual: Array, weight: Array, second: Array | None = None) -> Quadratic:

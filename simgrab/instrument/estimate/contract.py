@@ -26,52 +26,32 @@ NO_SCATTER = 1e-7
 
 @dataclass(frozen=True)
 class Solution:
-    """An estimator's result for M records, without uncertainty. Rows with a reason hold NaN.
+    """An estimator's result for M records, without uncertainty. Rows with a reason hold NaN."""
 
-    Attributes
-    ----------
-    reason : sequence of M str
-        Empty where the record was solved.
-    beta, azimuth : ndarray, shape (M,)
-    influence : ndarray, shape (M, p, n)
-        Influence of each frame on gravity's direction along and across the tilt (p = 2) and, where it is estimated, on
-        minus the horizontal offset in the same two directions (p = 4). Zero where the frame is missing.
-    swing : ndarray, shape (M, 3, n), or None
-        Unit direction OA along and across the tilt and down; by default the ray itself, which is right without offset.
-    lever : ndarray, shape (M, n), or None
-        Rotation of OA by a unit error of the offset: 1/l, for p = 4.
-    known : ndarray, shape (M, p + 1, p + 1), or None
-        Part of the covariance of gravity, minus offset, and σ̂² that comes from a prior and not from the frames.
-    radial : ndarray, shape (M, n), or None
-        Variance of each α due to parameters that no frame can determine.
-    reach : callable, optional
-        From the covariance (M, p, p) and a quantile (M,), how far β's interval extends down and up, both (M,), for
-        estimates whose error a variance does not describe.
-    offset : ndarray, shape (M, 3), or None
-    diagnostics : mapping of str to ndarray, shape (M, ...)
-    """
-
-    reason: Sequence[str]
-    beta: Array
-    azimuth: Array
+    reason: Sequence[str]  # empty where the record was solved
+    beta: Array  # (M,)
+    azimuth: Array  # (M,)
+    # (M, p, n), influence of each frame on gravity's direction along and across the tilt (p = 2) and, where it is
+    # estimated, on minus the horizontal offset in the same two directions (p = 4); zero where the frame is missing
     influence: Array
+    # (M, 3, n), unit direction OA along and across the tilt and down; by default the ray itself, which is right
+    # without offset
     swing: Array | None = None
-    lever: Array | None = None
+    lever: Array | None = None  # (M, n), rotation of OA by a unit error of the offset: 1/l, for p = 4
+    # (M, p + 1, p + 1), part of the covariance of gravity, minus offset, and σ̂² that comes from a prior and not from
+    # the frames
     known: Array | None = None
-    radial: Array | None = None
+    radial: Array | None = None  # (M, n), variance of each α due to parameters that no frame can determine
+    # from the covariance (M, p, p) and a quantile (M,), how far β's interval extends down and up, both (M,), for
+    # estimates whose error a variance does not describe
     reach: Callable[[Array, Array], tuple[Array, Array]] | None = None
-    offset: Array | None = None
-    diagnostics: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    offset: Array | None = None  # (M, 3)
+    diagnostics: Mapping[str, NDArray[Any]] = field(default_factory=dict)  # (M, ...)
 
 
 @dataclass(frozen=True)
 class Estimator(ABC):
-    """Base of all estimators: frozen settings, and one pure function of a record's pixels.
-
-    Attributes
-    ----------
-    intervals : IntervalSettings
-    """
+    """Base of all estimators: frozen settings, and one pure function of a record's pixels."""
 
     name: ClassVar[str]
     parameters: ClassVar[int] = 3  # β, its azimuth, σ: as many frames at least

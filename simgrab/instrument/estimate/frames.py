@@ -27,26 +27,14 @@ LATEST_S = 1e12  # before or after 0: doubles resolve 0.1 ms there, and millisec
 
 @dataclass(frozen=True)
 class Frames:
-    r"""M records of n frames.
+    """M records of n frames."""
 
-    Attributes
-    ----------
-    rays : ndarray, shape (M, 3, n)
-        Unit rays in the mount frame; zero where the frame is missing.
-    present : ndarray of bool, shape (M, n)
-    rope_length : ndarray, shape (M, n), or None
-        \|OA\|, m.
-    time : ndarray, shape (n,), or None
-        Seconds.
-    noise : ndarray, shape (M, n)
-        Variance of each ray across itself, per axis, rad², by the pixel and by a mount on which the camera leans as the
-        crane works; finite at missing frames too.
-    """
-
-    rays: Array
-    present: NDArray[np.bool_]
-    rope_length: Array | None
-    time: Array | None
+    rays: Array  # (M, 3, n), unit rays in the mount frame; zero where the frame is missing
+    present: NDArray[np.bool_]  # (M, n)
+    rope_length: Array | None  # (M, n), |OA|, m
+    time: Array | None  # (n,), seconds
+    # (M, n), variance of each ray across itself, per axis, rad², by the pixel and by a mount on which the camera
+    # leans as the crane works; finite at missing frames too
     noise: Array
 
     @cached_property

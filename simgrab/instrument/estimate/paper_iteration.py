@@ -28,19 +28,6 @@ class PaperIteration(FrameEstimator):
     until neither changes by ε. The argument of (est-3) exceeds 1 when the start lies above twice β, and, from start
     0, when the kurtosis mean(ψ⁴)/mean(ψ²)² exceeds 3. Then there is no next step, and the record is refused.
 
-    Attributes
-    ----------
-    axis : "circular-median" or "known"
-        The 0-degree line C'G': by the paper's rule, the line through C' for which the circular median of θ is 0; or
-        given, as in the paper's simulation.
-    axis_direction : float
-        Direction of C'G' in the picture, clockwise from its x axis, rad; for ``axis="known"``.
-    start : float or "mean-ray"
-        β⁽⁰⁾, rad; the repaired variant starts at the tilt of the mean ray, where (est-3) stays defined.
-    epsilon : float
-        The paper's 1e-6, absolute, for β (rad) and σ² (rad²).
-    max_iterations : int
-
     Notes
     -----
     Diagnostics: ``iterations``; ``beta_history`` and ``sigma2_history``, one column for each t from 0 and NaN beyond
@@ -49,10 +36,13 @@ class PaperIteration(FrameEstimator):
 
     name: ClassVar[str] = "paper-iteration"
 
+    # the 0-degree line C'G': by the paper's rule, the line through C' for which the circular median of θ is 0; or
+    # given, as in the paper's simulation
     axis: Literal["circular-median", "known"] = "circular-median"
-    axis_direction: float = 0.0
+    axis_direction: float = 0.0  # direction of C'G' in the picture, clockwise from its x axis, rad; for `axis="known"`
+    # β⁽⁰⁾, rad; the repaired variant starts at the tilt of the mean ray, where (est-3) stays defined
     start: float | Literal["mean-ray"] = 0.0
-    epsilon: float = 1e-6
+    epsilon: float = 1e-6  # the paper's 1e-6, absolute, for β (rad) and σ² (rad²)
     max_iterations: int = 50
 
     def _solve(self, frames: Frames, calibration: Calibration) -> Solution:

@@ -52,28 +52,15 @@ STATE = 6  # numbers of a state, and two for each kind of drifting error of the 
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Steps between consecutive nodes.
+    """Steps between consecutive nodes."""
 
-    Attributes
-    ----------
-    step : ndarray, shape (k,)
-        Seconds.
-    before, after : ndarray, shape (k,)
-        Rope length at both ends, m.
-    length : float
-        The fixed length that scales p, m.
-    memory_s : ndarray, shape (d/2 − 3,)
-        Correlation times of pairs of states beyond the sixth.
-    carried : ndarray, shape (k, d/2 − 3), or 0.0
-        Displacement of O in the step by 1 rad of such a pair, x + iy, m.
-    """
-
-    step: Array
-    before: Array
-    after: Array
-    length: float
+    step: Array  # (k,), seconds
+    before: Array  # (k,), rope length at the step's beginning, m
+    after: Array  # (k,), and at its end
+    length: float  # the fixed length that scales p, m
+    # (d/2 − 3,), correlation times of pairs of states beyond the sixth
     memory_s: Array = field(default_factory=lambda: np.empty(0))
-    carried: Complex | float = 0.0
+    carried: Complex | float = 0.0  # (k, d/2 − 3), displacement of O in the step by 1 rad of such a pair, x + iy, m
 
     @property
     def fast(self) -> Array:
@@ -90,26 +77,14 @@ class Links:
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """The k moments with a state: the frames of a record, and moments inserted into longer steps.
+    """The k moments with a state: the frames of a record, and moments inserted into longer steps."""
 
-    Attributes
-    ----------
-    time, rope : ndarray, shape (k,)
-    place : ndarray, shape (k, 2)
-        x and y of the grab over its depth, mount frame; 0 where nothing was seen.
-    seen : ndarray of bool, shape (k,)
-    frame : ndarray of int, shape (n,)
-        Index of each frame's node.
-    first : ndarray of bool, shape (k,)
-        Whether the step to the node is not bridged.
-    """
-
-    time: Array
-    rope: Array
-    place: Array
-    seen: NDArray[np.bool_]
-    frame: NDArray[np.int64]
-    first: NDArray[np.bool_]
+    time: Array  # (k,)
+    rope: Array  # (k,)
+    place: Array  # (k, 2), x and y of the grab over its depth, mount frame; 0 where nothing was seen
+    seen: NDArray[np.bool_]  # (k,)
+    frame: NDArray[np.int64]  # (n,), index of each frame's node
+    first: NDArray[np.bool_]  # (k,), whether the step to the node is not bridged
 
     @classmethod
     def of(cls, record: Frames, some: slice, cut: float = np.inf) -> Nodes:

@@ -45,25 +45,15 @@ REST_M_S, JIB_RESTS_M_S, DIG_S = 0.1, 0.2, 30.0
 
 @dataclass(frozen=True)
 class PendulumPriors:
-    """Mean and standard deviation of the static parameters, the focal length, and the jib's motion.
+    """Mean and standard deviation of the static parameters, the focal length, and the jib's motion."""
 
-    Attributes
-    ----------
-    mean, sd : ndarray, shape (21,)
-    focal_px : float
-    jib : JibMotion
-    steady : float
-        Precision of the steady lean by wind over that of the slow forcing by gusts; 0 where gusts do not tell it.
-    gusts : float
-        Least slow forcing of a jib whose motion is known, rad.
-    """
-
-    mean: Array
-    sd: Array
+    mean: Array  # (21,)
+    sd: Array  # (21,)
     focal_px: float
     jib: JibMotion
+    # precision of the steady lean by wind over that of the slow forcing by gusts; 0 where gusts do not tell it
     steady: float = 0.0
-    gusts: float = 0.0
+    gusts: float = 0.0  # least slow forcing of a jib whose motion is known, rad
 
     def locked(self) -> PendulumPriors:
         """Lock the offset's height at its mean.

@@ -17,24 +17,12 @@ from simgrab.model.records.estimates import Estimate
 
 @dataclass(frozen=True, kw_only=True)
 class PixelRecord:
-    r"""One record of n frames.
+    """One record of n frames."""
 
-    Attributes
-    ----------
-    pixels : ndarray, shape (n, 2)
-        Grab centre as the picture has it; NaN where it was not found.
-    pixel_sd : ndarray, shape (n,)
-        Standard deviation per coordinate, px; 0 where it is not stated.
-    rope_length : ndarray, shape (n,), or None
-        \|OA\|, m, NaN where it is not known; None if it is known nowhere.
-    time : ndarray, shape (n,), or None
-        Seconds; None for independent frames.
-    """
-
-    pixels: Array
-    pixel_sd: Array
-    rope_length: Array | None
-    time: Array | None
+    pixels: Array  # (n, 2), grab centre as the picture has it; NaN where it was not found
+    pixel_sd: Array  # (n,), standard deviation per coordinate, px; 0 where it is not stated
+    rope_length: Array | None  # (n,), |OA|, m, NaN where it is not known; None if it is known nowhere
+    time: Array | None  # (n,), seconds; None for independent frames
 
     def usable(self, *, rope: bool) -> NDArray[np.bool_]:
         """Which frames have a pixel and, where it is needed, a rope length: shape (n,)."""

@@ -96,52 +96,25 @@ class RopeAware(FrameEstimator):
 
 @dataclass(frozen=True)
 class RopeFit:
-    """Results of M fits.
+    """Results of M fits."""
 
-    Attributes
-    ----------
-    down : ndarray, shape (M, 3)
-        Gravity in the mount frame.
-    offset : ndarray, shape (M, 3)
-    error : ndarray, shape (M,)
-        Length of the next step, which was not taken, rad.
-    iterations : ndarray of int, shape (M,)
-    lever : ndarray, shape (M, n)
-        1/l.
-    swing : ndarray, shape (M, 2, n)
-        Horizontal part of the unit directions OA, jib frame.
-    limit : ndarray, shape (M,)
-        Swing beyond which Huber's loss is linear.
-    sums : _Sums
-    """
-
-    down: Array
-    offset: Array
-    error: Array
-    iterations: NDArray[np.int64]
-    lever: Array
-    swing: Array
-    limit: Array
+    down: Array  # (M, 3), gravity in the mount frame
+    offset: Array  # (M, 3)
+    error: Array  # (M,), length of the next step, which was not taken, rad
+    iterations: NDArray[np.int64]  # (M,)
+    lever: Array  # (M, n), 1/l
+    swing: Array  # (M, 2, n), horizontal part of the unit directions OA, jib frame
+    limit: Array  # (M,), swing beyond which Huber's loss is linear
     sums: _Sums
 
 
 @dataclass(frozen=True)
 class _Sums:
-    """Sums over frames for the next step and for the sandwich.
+    """Sums over frames for the next step and for the sandwich."""
 
-    Attributes
-    ----------
-    slope : ndarray, shape (M, 3)
-        Sums of the loss' slope times 1, 1/l and 1/l².
-    pull : ndarray, shape (M, 2, 2)
-        Sums of the weighted swing in jib x and y, times 1 and 1/l.
-    unit : ndarray, shape (M,)
-        One frame's variance per axis, which weighs the prior against the frames.
-    """
-
-    slope: Array
-    pull: Array
-    unit: Array
+    slope: Array  # (M, 3), sums of the loss' slope times 1, 1/l and 1/l²
+    pull: Array  # (M, 2, 2), sums of the weighted swing in jib x and y, times 1 and 1/l
+    unit: Array  # (M,), one frame's variance per axis, which weighs the prior against the frames
 
     @staticmethod
     def of(frames: Frames, lever: Array, swing: Array, limit: Array, unit: Array | None) -> _Sums:

@@ -23,32 +23,20 @@ class Weighed:
     """Twice a negative log posterior, without a constant. Three of its parts have unknown strengths v.
 
     fixed + e^(−v₀) fast + e^(−2v₁) places + e^(−2v₂) slow.
-
-    Attributes
-    ----------
-    fixed, fast, places, slow : Quadratic
-    links, seen, leans : int
-        Number of terms in the three parts: steps, pixels, and steps with starts.
-    focal_px : float
-    least_fast : float
-        Least white acceleration.
-    slow_range : tuple of 2 floats
-        Least and greatest slow forcing.
-    spread : float
-        Sum of the logarithms of the variances of drifts per axis, which ``fixed`` has the inverses of.
     """
 
     fixed: Quadratic
     fast: Quadratic
     places: Quadratic
     slow: Quadratic
+    # links, seen, leans: number of terms in the three parts: steps, pixels, and steps with starts
     links: int
     seen: int
     leans: int
     focal_px: float
-    least_fast: float
-    slow_range: tuple[float, float]
-    spread: float
+    least_fast: float  # least white acceleration
+    slow_range: tuple[float, float]  # least and greatest slow forcing
+    spread: float  # sum of the logarithms of the variances of drifts per axis, which `fixed` has the inverses of
 
     def at(self, strengths: Array) -> Quadratic:
         """Return the sum of the parts, at strengths (3,)."""

@@ -26,22 +26,13 @@ ROUNDING = 1e-9  # of numbers as stored
 
 @dataclass(frozen=True)
 class Hoist:
-    """Limits of the hoist and its display.
+    """Limits of the hoist and its display."""
 
-    Attributes
-    ----------
-    speed_m_s : float
-        Greatest speed; cranes of this kind hoist 50 to 70 m/min.
-    hold_s : float
-        How long the display may hold a value: twice its refresh period, because one refresh may be missed. It also
-        allows for jitter of time stamps, and for a hoist that overshoots its speed while accelerating.
-    step_m : float
-        Step of the display, which rounds: one unit of its last decimal.
-    """
-
-    speed_m_s: float = 70 / 60
+    speed_m_s: float = 70 / 60  # greatest speed; cranes of this kind hoist 50 to 70 m/min
+    # how long the display may hold a value: twice its refresh period, because one refresh may be missed; it also
+    # allows for jitter of time stamps, and for a hoist that overshoots its speed while accelerating
     hold_s: float = 0.4
-    step_m: float = 0.01
+    step_m: float = 0.01  # step of the display, which rounds: one unit of its last decimal
 
     def reach(self, seconds: Array) -> Array:
         """Greatest difference, m, of readings so many seconds apart."""

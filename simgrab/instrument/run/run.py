@@ -41,24 +41,13 @@ PART_S = 3600.0  # of a live run in one folder, which bounds the memory
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of a run.
+    """Options of a run."""
 
-    Attributes
-    ----------
-    live : bool
-        Whether to compute angles as frames arrive, with a tilt that is estimated repeatedly. A stream is always live.
-    video : bool
-        Whether to write the annotated video.
-    rate_hz : float or None
-        Frame rate of pictures in a folder, or of a video without time stamps.
-    paper : bool
-        Whether the report compares with the paper's figures of its own video.
-    """
-
+    # whether to compute angles as frames arrive, with a tilt that is estimated repeatedly; a stream is always live
     live: bool = False
-    video: bool = True
-    rate_hz: float | None = None
-    paper: bool = False
+    video: bool = True  # whether to write the annotated video
+    rate_hz: float | None = None  # frame rate of pictures in a folder, or of a video without time stamps
+    paper: bool = False  # whether the report compares with the paper's figures of its own video
 
 
 def run(

@@ -7,18 +7,10 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is not true.
+    """One thing that is not true."""
 
-    Attributes
-    ----------
-    where : str
-        Frame and column (``frame 12, gamma_deg``), file, or manifest field.
-    what : str
-        The value found, and the expected value.
-    """
-
-    where: str
-    what: str
+    where: str  # frame and column (`frame 12, gamma_deg`), file, or manifest field
+    what: str  # the value found, and the expected value
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}"
@@ -26,26 +18,13 @@ class Finding:
 
 @dataclass(frozen=True)
 class Proof:
-    """One claim about a dataset and whether it holds.
-
-    Attributes
-    ----------
-    claim : str
-    checked : int
-        Number of comparisons; 0 without findings means that the proof was not made.
-    findings : tuple of Finding
-        Empty when the claim holds.
-    note : str
-        Why the proof was not made, or with what margin it holds.
-    renderer : str
-        The second renderer used, with its version; empty if none was used.
-    """
+    """One claim about a dataset and whether it holds."""
 
     claim: str
-    checked: int
-    findings: tuple[Finding, ...] = ()
-    note: str = ""
-    renderer: str = ""
+    checked: int  # number of comparisons; 0 without findings means that the proof was not made
+    findings: tuple[Finding, ...] = ()  # empty when the claim holds
+    note: str = ""  # why the proof was not made, or with what margin it holds
+    renderer: str = ""  # the second renderer used, with its version; empty if none was used
 
     @property
     def status(self) -> str:

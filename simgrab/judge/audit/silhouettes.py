@@ -31,20 +31,11 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of two silhouettes.
+    """Difference of two silhouettes."""
 
-    Attributes
-    ----------
-    edge_px : float
-        The largest distance between edges of their boxes; infinite where one is empty.
-    iou : float
-    centroid_px : float
-        Distance of the centroids: the larger one of the two coordinates.
-    """
-
-    edge_px: float
+    edge_px: float  # the largest distance between edges of their boxes; infinite where one is empty
     iou: float
-    centroid_px: float
+    centroid_px: float  # distance of the centroids: the larger one of the two coordinates
 
     @classmethod
     def of(cls, a: Mask, b: Mask, window: Window) -> Difference:

@@ -43,27 +43,17 @@ MOST_PROBLEMS = 20  # that are listed of one entry
 
 
 class MethodDescription(Checked, frozen=True):
-    """Description of a method.
-
-    Attributes
-    ----------
-    method : str
-    track : str
-        Inputs that it used: "picture" (the picture without the display), "picture+rope" (the rope length on the display
-        too), and so on with sensors (`simgrab.lab.bench.season.sensors_of`).
-    season : str
-        Name of the season.
-    description : str
-    reasons : dict of str to str
-        Most frequent reason of the frames without an angle, of each clip that has such frames.
-    """
+    """Description of a method."""
 
     error = BenchError
 
     method: Annotated[str, Meta(min_length=1, max_length=100)]
+    # inputs that it used: "picture" (the picture without the display), "picture+rope" (the rope length on the display
+    # too), and so on with sensors (`simgrab.lab.bench.season.sensors_of`)
     track: str
-    season: str
+    season: str  # name of the season
     description: Annotated[str, Meta(max_length=1000)] = ""
+    # most frequent reason of the frames without an angle, of each clip that has such frames
     reasons: dict[Name, Annotated[str, Meta(max_length=1000)]] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:  # noqa: D102
@@ -72,22 +62,13 @@ class MethodDescription(Checked, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """A method's answers for the n frames of a clip.
-
-    Attributes
-    ----------
-    status : tuple of n str
-    alpha, low, high : ndarray, shape (n,)
-        Angle and ends of its 95 % interval, rad; NaN where there is none.
-    seconds : ndarray, shape (n,)
-        Computing time of each frame, s.
-    """
+    """A method's answers for the n frames of a clip."""
 
     status: tuple[str, ...]
-    alpha: Array
-    low: Array
-    high: Array
-    seconds: Array
+    alpha: Array  # (n,), rad; NaN where there is none
+    low: Array  # (n,), ends of its 95 % interval
+    high: Array  # (n,)
+    seconds: Array  # (n,), computing time of each frame, s
 
     @property
     def ok(self) -> NDArray[np.bool_]:

@@ -56,20 +56,11 @@ _SIDES = (".mp4", ".camera.toml", ".parquet", ".manifest.json")  # the last one 
 
 @dataclass(frozen=True, eq=False)
 class ClipTruth:
-    """One clip's frames and their truth.
-
-    Attributes
-    ----------
-    clip : str
-    times : ndarray, shape (n,)
-        Time stamps in the video, s.
-    alpha : ndarray, shape (n,)
-        True swing angle, rad; NaN where no grab is present.
-    """
+    """One clip's frames and their truth."""
 
     clip: str
-    times: Array
-    alpha: Array
+    times: Array  # (n,), time stamps in the video, s
+    alpha: Array  # (n,), true swing angle, rad; NaN where no grab is present
 
     @property
     def counts(self) -> NDArray[np.bool_]:
@@ -78,31 +69,18 @@ class ClipTruth:
 
 
 class Published(Checked, frozen=True):
-    """What is public of a season: ``season.json`` beside the clips.
-
-    Attributes
-    ----------
-    name, version : str
-    commitment : str
-        SHA-256 of the season, seed and salt included.
-    truth_sha256 : str
-        Of all truth tables, one after another, and of the truth of the sensors.
-    clips : dict of str to int
-        Number of frames of each clip.
-    sensors : tuple of str
-        Of `simgrab.lab.bench.season.SENSORS`.
-    sensors_sha256 : dict of str to str
-        Of what the sensors of each clip report: all files in the order of their names, each after its name.
-    """
+    """What is public of a season: ``season.json`` beside the clips."""
 
     error = BenchError
 
     name: str
     version: str
-    commitment: str
-    truth_sha256: str
+    commitment: str  # SHA-256 of the season, seed and salt included
+    truth_sha256: str  # of all truth tables, one after another, and of the truth of the sensors
+    # number of frames of each clip
     clips: Annotated[dict[Name, Annotated[int, Meta(ge=1, le=1_000_000)]], Meta(min_length=1)]
-    sensors: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()  # of `simgrab.lab.bench.season.SENSORS`
+    # of what the sensors of each clip report: all files in the order of their names, each after its name
     sensors_sha256: dict[Name, str] = msgspec.field(default_factory=dict)
 
     def check(self) -> None:  # noqa: D102

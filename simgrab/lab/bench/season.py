@@ -106,34 +106,19 @@ def track_order(track: str) -> list[int]:
 
 
 class Season(Checked, frozen=True):
-    """What a season is made of. Seed and salt are secret until it ends.
-
-    Attributes
-    ----------
-    name : str
-    subset : str
-        One of `SUBSETS`.
-    frames : int
-        Of each clip; a clip with an alarm takes some 480.
-    width_px, height_px : int
-        Even, as videos need them.
-    seed : int
-    salt : str
-        Keeps the seed from being guessed from its digest.
-    sensors : tuple of str
-        Of `SENSORS`, in their order. They change no picture.
-    """
+    """What a season is made of. Seed and salt are secret until it ends."""
 
     error = BenchError
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*\Z", max_length=64)] = "open"
-    subset: Annotated[str, Meta(pattern=rf"^({'|'.join(SUBSETS)})\Z")] = "nightly"
-    frames: Annotated[int, Meta(ge=2, le=100_000)] = 540
+    subset: Annotated[str, Meta(pattern=rf"^({'|'.join(SUBSETS)})\Z")] = "nightly"  # one of `SUBSETS`
+    frames: Annotated[int, Meta(ge=2, le=100_000)] = 540  # of each clip; a clip with an alarm takes some 480
+    # width_px, height_px: even, as videos need them
     width_px: Annotated[int, Meta(ge=320, le=4096, multiple_of=2)] = 960
     height_px: Annotated[int, Meta(ge=180, le=4096, multiple_of=2)] = 540
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
-    salt: Annotated[str, Meta(max_length=200)] = ""
-    sensors: tuple[str, ...] = ()
+    salt: Annotated[str, Meta(max_length=200)] = ""  # keeps the seed from being guessed from its digest
+    sensors: tuple[str, ...] = ()  # of `SENSORS`, in their order; they change no picture
 
     def check(self) -> None:  # noqa: D102
         check_sensors(self.sensors)

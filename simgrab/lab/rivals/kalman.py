@@ -78,18 +78,10 @@ def kalman(
 
 @dataclass(frozen=True, eq=False)
 class Pendulum:
-    """A pendulum of changing length at n equal steps, in axes that turn about the vertical.
+    """A pendulum of changing length at n equal steps, in axes that turn about the vertical."""
 
-    Attributes
-    ----------
-    length : ndarray, shape (n,)
-        Rope length, m.
-    turning : ndarray, shape (n,)
-        Rate of the axes about the vertical, rad/s.
-    """
-
-    length: Array
-    turning: Array
+    length: Array  # (n,), rope length, m
+    turning: Array  # (n,), rate of the axes about the vertical, rad/s
 
     @property
     def equivalent(self) -> Array:

@@ -23,18 +23,10 @@ TAGS = cv2.aruco.DICT_APRILTAG_36h11
 
 @dataclass(frozen=True)
 class Mark:
-    """A mark in one picture.
+    """A mark in one picture."""
 
-    Attributes
-    ----------
-    pixel : tuple of 2 floats
-        Its middle; (0, 0) is the outer corner of the top-left pixel.
-    side_px : float
-        How long a known length appears: the side of the circles' square, or a target's diameter.
-    """
-
-    pixel: tuple[float, float]
-    side_px: float
+    pixel: tuple[float, float]  # its middle; (0, 0) is the outer corner of the top-left pixel
+    side_px: float  # how long a known length appears: the side of the circles' square, or a target's diameter
 
 
 Finder = Callable[[Picture], Mark | None]
@@ -133,20 +125,6 @@ def level_layers(calibration: Calibration, position: Array, side_m: float, ropes
 class Layered:
     """A mark's shift from its place at rest as an instrument (`simgrab.instrument.contract.Instrument`).
 
-    Attributes
-    ----------
-    name : str
-    find : Finder
-    layers : mapping of float to Mark
-        Where the mark is at rest, by |OA|, m, which increases; places between are interpolated, those beyond are the
-        last.
-    side_m : float
-        Length of what a `Mark` has as its side, m.
-    up_m : float
-        Of the mark over the grab centre A, m.
-    rope : Series
-        Rope lengths, |OA|, m, by the clock of the frames.
-
     Raises
     ------
     CalibrationError
@@ -155,10 +133,12 @@ class Layered:
 
     name: str
     find: Finder
+    # where the mark is at rest, by |OA|, m, which increases; places between are interpolated, those beyond are the
+    # last
     layers: Mapping[float, Mark]
-    side_m: float
-    up_m: float
-    rope: Series
+    side_m: float  # length of what a `Mark` has as its side, m
+    up_m: float  # of the mark over the grab centre A, m
+    rope: Series  # rope lengths, |OA|, m, by the clock of the frames
 
     def __post_init__(self) -> None:
         ropes = list(self.layers)
@@ -206,16 +186,10 @@ class Fiducial:
     After Myhre (2016) and Tørdal (2017). Known: ArUco marks on the load and their pose. Filled in: the family 36h11,
     corners refined by OpenCV, the pose of a plane (IPPE), and a level camera at the offset of its calibration. Of the
     pose's rotation only the turn about the vertical is used.
-
-    Attributes
-    ----------
-    size_m : float
-        Edge of the black square.
-    position : tuple of 3 floats
-        Of its middle from the middle of the rope ends, grab's frame, m; its first corner is that at (+x, +y).
     """
 
-    size_m: float
+    size_m: float  # edge of the black square
+    # of its middle from the middle of the rope ends, grab's frame, m; its first corner is that at (+x, +y)
     position: tuple[float, float, float]
     name: str = "fiducial"
 

@@ -22,28 +22,14 @@ MOST_GAP_S = 1.0  # between readings
 
 @dataclass(frozen=True, eq=False)
 class SideView:
-    """A pinhole camera that stands still in the jib frame, and its pictures.
-
-    Attributes
-    ----------
-    name : str
-    rotation : ndarray, shape (3, 3)
-        Jib frame from camera: x right, y down, z forward.
-    centre : ndarray, shape (3,)
-        Jib frame: origin O, x outboard, z up, m.
-    focal_px : float
-    principal : tuple of 2 floats
-        Pixel of the optical axis; (0, 0) is the outer corner of the top-left pixel.
-    frames : iterable of Frame
-        In order, each with its time.
-    """
+    """A pinhole camera that stands still in the jib frame, and its pictures."""
 
     name: str
-    rotation: Array
-    centre: Array
+    rotation: Array  # (3, 3), jib frame from camera: x right, y down, z forward
+    centre: Array  # (3,), jib frame: origin O, x outboard, z up, m
     focal_px: float
-    principal: tuple[float, float]
-    frames: Iterable[Frame]
+    principal: tuple[float, float]  # pixel of the optical axis; (0, 0) is the outer corner of the top-left pixel
+    frames: Iterable[Frame]  # in order, each with its time
 
     def rays(self, pixels: Array) -> Array:
         """Directions of pixels (n, 2) in the jib frame, shape (n, 3), with depth 1 in the camera's."""
@@ -110,24 +96,12 @@ def read_view(folder: str | Path, origin_m: tuple[float, float, float] = (0.0, 0
 
 @dataclass(frozen=True, eq=False)
 class LeanReadings:
-    """Linear readings of the leans' tangents (tan α cos φ, tan α sin φ) along x and y of the jib frame.
+    """Linear readings of the leans' tangents (tan α cos φ, tan α sin φ) along x and y of the jib frame."""
 
-    Attributes
-    ----------
-    source : str
-        What a reason calls it.
-    time : ndarray, shape (n,)
-        s.
-    rows : ndarray, shape (n, k, 2)
-    values : ndarray, shape (n, k)
-        Each is rows @ tangents; NaN where nothing was seen.
-    sd : float
-    """
-
-    source: str
-    time: Array
-    rows: Array
-    values: Array
+    source: str  # what a reason calls it
+    time: Array  # (n,), s
+    rows: Array  # (n, k, 2)
+    values: Array  # (n, k), each is rows @ tangents; NaN where nothing was seen
     sd: float
 
 

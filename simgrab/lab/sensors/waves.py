@@ -26,21 +26,14 @@ class WaveAmplitudes:
     """Amplitudes of the modes at n instants, of horizontal displacement in the pivot frame of `Motion`.
 
     At a distance s from O the ropes are displaced by Σ amplitude · sin(number · π s/length).
-
-    Attributes
-    ----------
-    amplitude, rate, acceleration : ndarray, shape (n, modes, 2)
-        m, and its derivatives by time.
-    length, length_rate, length_acceleration : ndarray, shape (n,)
-        From O to the rope ends, m.
     """
 
-    amplitude: Array
-    rate: Array
-    acceleration: Array
-    length: Array
-    length_rate: Array
-    length_acceleration: Array
+    amplitude: Array  # (n, modes, 2), m
+    rate: Array  # (n, modes, 2)
+    acceleration: Array  # (n, modes, 2)
+    length: Array  # (n,), from O to the rope ends, m
+    length_rate: Array  # (n,)
+    length_acceleration: Array  # (n,)
 
     def __getitem__(self, which: NDArray[np.intp]) -> WaveAmplitudes:
         return WaveAmplitudes(**{name: values[which] for name, values in vars(self).items()})

@@ -48,30 +48,19 @@ Change = Callable[[Situation, Any], dict[str, Any]]
 
 @dataclass(frozen=True)
 class Axis:
-    """One assumption.
+    """One assumption."""
 
-    Attributes
-    ----------
-    name, unit, description : str
-        ``unit`` is empty for names and pure numbers; ``description`` is one line for the report.
-    holds : float or str or None
-        Value at which the assumption holds, a name where values are names; None where it always does.
-    change : callable
-        Situation and value → fields of the situation that change.
-    low, high : float
-        Between which values lie that are numbers.
-    key : str
-        Scenario key that does the same, through which every fidelity reaches the axis; empty where only the geometric
-        fidelity does. Then `change` is not used.
-    """
-
+    # name, unit, description: `unit` is empty for names and pure numbers; `description` is one line for the report
     name: str
     unit: str
     description: str
-    holds: Value | None
-    change: Change = lambda _situation, _value: {}
+    holds: Value | None  # value at which the assumption holds, a name where values are names; None where it always does
+    change: Change = lambda _situation, _value: {}  # situation and value → fields of the situation that change
+    # low, high: between which values lie that are numbers
     low: float = -math.inf
     high: float = math.inf
+    # scenario key that does the same, through which every fidelity reaches the axis; empty where only the geometric
+    # fidelity does; then `change` is not used
     key: str = ""
 
     def apply(self, situation: Situation, value: Value) -> Situation:

@@ -15,21 +15,11 @@ from simgrab.model.geometry import Array
 
 @dataclass(frozen=True)
 class Law:
-    """A distribution of α, of which only the shape matters: σ scales it.
+    """A distribution of α, of which only the shape matters: σ scales it."""
 
-    Attributes
-    ----------
-    sample : callable
-        Generator and number of values → values, shape (n,).
-    rms : float
-        √E[α²].
-    kurtosis : float
-        E[α⁴]/E[α²]², on which the paper's iteration depends.
-    """
-
-    sample: Callable[[np.random.Generator, int], Array]
-    rms: float
-    kurtosis: float = math.nan
+    sample: Callable[[np.random.Generator, int], Array]  # generator and number of values → values, shape (n,)
+    rms: float  # √E[α²]
+    kurtosis: float = math.nan  # E[α⁴]/E[α²]², on which the paper's iteration depends
 
 
 def of(distribution: AnyDistribution, kurtosis: float = math.nan) -> Law:

@@ -20,38 +20,18 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Records:
-    """What the estimators get of M replications, and the truth to judge them by. Radians, metres, pixels.
+    """What the estimators get of M replications, and the truth to judge them by. Radians, metres, pixels."""
 
-    Attributes
-    ----------
-    pixels : ndarray, shape (M, n, 2)
-        NaN where the grab was not found.
-    rope : ndarray, shape (M, n)
-        As reported; NaN where it was not read.
-    time : ndarray, shape (n,), or None
-        As reported; None for independent frames.
-    calibration : Calibration
-        As reported.
-    alpha : ndarray, shape (M, n)
-        True; NaN where there is no grab.
-    beta : float
-    sigma : ndarray, shape (M,)
-    azimuth : float
-        Of the tilt.
-    probe_pixels, probe_rope : ndarray, shape (M, K, 2) and (M, K)
-        The same camera looking at swings of `PROBE_ALPHA` evenly all around, each always found.
-    pixel_sd : ndarray, shape (M, n), or None
-        Standard deviation per coordinate as the detector states it; None without a detector.
-    """
-
-    pixels: Array
-    rope: Array
-    time: Array | None
-    calibration: Calibration
-    alpha: Array
+    pixels: Array  # (M, n, 2), NaN where the grab was not found
+    rope: Array  # (M, n), as reported; NaN where it was not read
+    time: Array | None  # (n,), as reported; None for independent frames
+    calibration: Calibration  # as reported
+    alpha: Array  # (M, n), true; NaN where there is no grab
     beta: float
-    sigma: Array
-    azimuth: float
+    sigma: Array  # (M,)
+    azimuth: float  # of the tilt
+    # (M, K, 2), the same camera looking at swings of `PROBE_ALPHA` evenly all around, each always found
     probe_pixels: Array
-    probe_rope: Array
+    probe_rope: Array  # (M, K)
+    # (M, n), standard deviation per coordinate as the detector states it; None without a detector
     pixel_sd: Array | None = None

@@ -48,29 +48,14 @@ _TRUE, _FOUND = (40, 40, 255), (60, 220, 60)  # BGR
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """One replication of n frames: observation and truth of each.
+    """One replication of n frames: observation and truth of each."""
 
-    Attributes
-    ----------
-    scenario : Scenario
-        Under the replication's own seed.
-    calibration : Calibration
-        Calibration that the instrument gets.
-    arrays : RecordArrays
-    truth : ndarray, shape (6, n)
-        Of the swing α, azimuth (rad) and rope (m), of the camera β, azimuth and roll (rad).
-    centre : ndarray, shape (n, 2)
-        Where the pictures have the grab centre A, px.
-    present : ndarray of bool, shape (n,)
-        Whether there is a grab.
-    """
-
-    scenario: Scenario
-    calibration: Calibration
+    scenario: Scenario  # under the replication's own seed
+    calibration: Calibration  # calibration that the instrument gets
     arrays: RecordArrays
-    truth: Array
-    centre: Array
-    present: NDArray[np.bool_]
+    truth: Array  # (6, n), of the swing α, azimuth (rad) and rope (m), of the camera β, azimuth and roll (rad)
+    centre: Array  # (n, 2), where the pictures have the grab centre A, px
+    present: NDArray[np.bool_]  # (n,), whether there is a grab
 
     @property
     def off_px(self) -> Array:

@@ -58,47 +58,26 @@ class Accept(Strict, frozen=True):
 
 
 class Study(Strict, frozen=True):
-    """A study, as its TOML file states it.
-
-    Attributes
-    ----------
-    name, title : str
-    kind : str
-        ``"estimators"``, or ``"convergence"``: how the paper's iteration gets to its end.
-    depth : str
-        How far a record goes from truth to angles: ``"geometric"`` or ``"rendered"``.
-    base : str
-        Scene that it departs from.
-    given : dict
-        Axes, or keys of the scene, that hold throughout.
-    axes : tuple of Sweep
-        One or two; up to four for convergence.
-    n, replications, seed : int
-    estimators : tuple of str
-        Names, or ``package.module:Class``.
-    fewer : dict
-        Replications of estimators that take too long for all.
-    holds : tuple
-        Point at which no assumption is violated; empty where there is none. There the estimators named in
-        ``consistent`` must show no bias of β̂ and σ̂ and intervals that cover 93 to 97 %.
-    consistent : tuple of str
-    accept : tuple of Accept
-    """
+    """A study, as its TOML file states it."""
 
     error = StressError
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]*\Z", max_length=64)]
     title: Annotated[str, Meta(max_length=1000)]
-    axes: Annotated[tuple[Sweep, ...], Meta(max_length=4)]
-    estimators: Annotated[tuple[str, ...], Meta(max_length=100)]
+    axes: Annotated[tuple[Sweep, ...], Meta(max_length=4)]  # one or two; up to four for convergence
+    estimators: Annotated[tuple[str, ...], Meta(max_length=100)]  # names, or `package.module:Class`
+    # `"estimators"`, or `"convergence"`: how the paper's iteration gets to its end
     kind: Literal["estimators", "convergence"] = "estimators"
-    depth: str = "geometric"
-    base: str = "paper-ideal"
-    given: dict[str, Value] = msgspec.field(default_factory=dict)
+    depth: str = "geometric"  # how far a record goes from truth to angles: `"geometric"` or `"rendered"`
+    base: str = "paper-ideal"  # scene that it departs from
+    given: dict[str, Value] = msgspec.field(default_factory=dict)  # axes, or keys of the scene, that hold throughout
     n: Annotated[int, Meta(ge=10, le=1_000_000)] = 3699
     replications: Annotated[int, Meta(ge=2, le=10_000_000)] = 1000
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    # replications of estimators that take too long for all
     fewer: dict[str, Annotated[int, Meta(ge=2, le=10_000_000)]] = msgspec.field(default_factory=dict)
+    # point at which no assumption is violated; empty where there is none; there the estimators named in `consistent`
+    # must show no bias of β̂ and σ̂ and intervals that cover 93 to 97 %
     holds: tuple[Value, ...] = ()
     consistent: tuple[str, ...] = ()
     accept: tuple[Accept, ...] = ()

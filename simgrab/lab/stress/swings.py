@@ -49,22 +49,13 @@ class Draws:
 
 @dataclass(frozen=True)
 class ReplicatedMotion:
-    """The truth of M replications of n frames, rad and m, jib frame.
+    """The truth of M replications of n frames, rad and m, jib frame."""
 
-    Attributes
-    ----------
-    alpha, azimuth, rope : ndarray, shape (M, n)
-    tilt : ndarray, shape (M, 3, n), or None
-        β, azimuth and roll of the camera, where physics moves it.
-    sigma : ndarray, shape (M,)
-        √E[α²]; of physics, whose expectation nobody knows, the record's own.
-    """
-
-    alpha: Array
-    azimuth: Array
-    rope: Array
-    tilt: Array | None
-    sigma: Array
+    alpha: Array  # (M, n)
+    azimuth: Array  # (M, n)
+    rope: Array  # (M, n)
+    tilt: Array | None  # (M, 3, n), β, azimuth and roll of the camera, where physics moves it
+    sigma: Array  # (M,), √E[α²]; of physics, whose expectation nobody knows, the record's own
 
 
 def draw(situation: Situation, draws: Draws) -> ReplicatedMotion:

@@ -29,33 +29,16 @@ _NEVER = (  # fixed pattern, tone curve, and share of the picture that weather h
 
 @dataclass(frozen=True, eq=False)
 class Appearance:
-    """What footage shows of a camera.
-
-    Attributes
-    ----------
-    footage : Footage
-    dark : bool
-        Whether it is black.
-    noise : Noise
-    blur : Quantity
-        Diameter of the circle of confusion.
-    sharpness : Sharpness
-    vignetting : Quantity
-    level : Quantity
-        Mean luminance in linear light, white being 1.
-    cast : tuple of 2 Quantity
-        Red over green and blue over green of the mean, linear: the colour of light and surroundings together.
-    display : DisplayMatch
-    grab : Grab
-    """
+    """What footage shows of a camera."""
 
     footage: Footage
-    dark: bool
+    dark: bool  # whether it is black
     noise: Noise
-    blur: Quantity
+    blur: Quantity  # diameter of the circle of confusion
     sharpness: Sharpness
     vignetting: Quantity
-    level: Quantity
+    level: Quantity  # mean luminance in linear light, white being 1
+    # red over green and blue over green of the mean, linear: the colour of light and surroundings together
     cast: tuple[Quantity, Quantity]
     display: DisplayMatch
     grab: Grab

@@ -31,21 +31,11 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class DisplayMatch:
-    """Where digits stand, or why none were found.
+    """Where digits stand, or why none were found."""
 
-    Attributes
-    ----------
-    layout : Layout or None
-        In the picture's size.
-    reason : str
-        Empty where there is a layout.
-    read : float
-        Share of digits' cells that the reader was sure of.
-    """
-
-    layout: Layout | None
-    reason: str
-    read: float
+    layout: Layout | None  # in the picture's size
+    reason: str  # empty where there is a layout
+    read: float  # share of digits' cells that the reader was sure of
 
     def mask(self, height: int, width: int) -> NDArray[np.bool_]:
         """Pixels of the display, with a margin, shape (height, width)."""

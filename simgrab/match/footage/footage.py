@@ -37,40 +37,22 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Footage:
-    """The first seconds of a video.
-
-    Attributes
-    ----------
-    name : str
-    luma : ndarray of uint8, shape (frames, height, width)
-        Y' as players show it (`simgrab.io.playback`), brought to 0 … 255 where it is coded in the limited range.
-    rgb : ndarray of uint8, shape (k, height, width, 3)
-        A few of the frames, spread over the footage.
-    codec : str
-        FFmpeg's name of the coder.
-    frame_rate_hz : float or None
-    bit_rate_mbit_s : float or None
-        As the file states it, else of the packets that were read, over the time that they show.
-    gop_frames : int or None
-        Distance of key frames, where two were read.
-    quantiser : float or None
-        Mean step by which H.264 quantised the luma residual, levels of 0 … 255; None for other coders.
-    weights : tuple of 3 floats
-        Of red, green and blue in luma.
-    note : str
-        How pictures differ from the coded ones; empty where they do not.
-    """
+    """The first seconds of a video."""
 
     name: str
+    # (frames, height, width), Y' as players show it (`simgrab.io.playback`), brought to 0 … 255 where it is coded in
+    # the limited range
     luma: NDArray[np.uint8]
-    rgb: NDArray[np.uint8]
-    codec: str
+    rgb: NDArray[np.uint8]  # (k, height, width, 3), a few of the frames, spread over the footage
+    codec: str  # FFmpeg's name of the coder
     frame_rate_hz: float | None
+    # as the file states it, else of the packets that were read, over the time that they show
     bit_rate_mbit_s: float | None
-    gop_frames: int | None
+    gop_frames: int | None  # distance of key frames, where two were read
+    # mean step by which H.264 quantised the luma residual, levels of 0 … 255; None for other coders
     quantiser: float | None
-    weights: tuple[float, float, float]
-    note: str = ""
+    weights: tuple[float, float, float]  # of red, green and blue in luma
+    note: str = ""  # how pictures differ from the coded ones; empty where they do not
 
     @property
     def frames(self) -> int:

@@ -26,27 +26,13 @@ _HUE_SD_DEG = 10.0  # of light that is not white, and of rust and cargo on the p
 
 @dataclass(frozen=True, eq=False)
 class Grab:
-    """What footage shows of the grab.
+    """What footage shows of the grab."""
 
-    Attributes
-    ----------
-    share : Quantity
-        Of the frames, in which the detector finds it.
-    size_px : Quantity
-        Longer side of its box.
-    hue_deg : Quantity
-        Of its paint; the interval may go beyond 0 and 360.
-    paint_rgb : tuple of 3 floats, or None
-        As the picture shows it, 0 to 1.
-    boxes : ndarray, shape (n, 4)
-        Boxes that were found, px.
-    """
-
-    share: Quantity
-    size_px: Quantity
-    hue_deg: Quantity
-    paint_rgb: tuple[float, float, float] | None
-    boxes: NDArray[np.float64]
+    share: Quantity  # of the frames, in which the detector finds it
+    size_px: Quantity  # longer side of its box
+    hue_deg: Quantity  # of its paint; the interval may go beyond 0 and 360
+    paint_rgb: tuple[float, float, float] | None  # as the picture shows it, 0 to 1
+    boxes: NDArray[np.float64]  # (n, 4), boxes that were found, px
 
 
 def grab(footage: Footage, detector: Detector) -> Grab:

@@ -43,21 +43,11 @@ CLEAR = 7.0  # deviations that a level must be above black
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise in linear light, white being 1.
+    """Noise in linear light, white being 1."""
 
-    Attributes
-    ----------
-    gain : Quantity
-        k: variance of shot noise per unit of light.
-    read : Quantity
-        r: standard deviation of the read noise.
-    curve : ndarray, shape (2, n), or None
-        Photon transfer curve of luma: mean levels, and variances over time, levels².
-    """
-
-    gain: Quantity
-    read: Quantity
-    curve: Floats | None
+    gain: Quantity  # k: variance of shot noise per unit of light
+    read: Quantity  # r: standard deviation of the read noise
+    curve: Floats | None  # (2, n), photon transfer curve of luma: mean levels, and variances over time, levels²
 
 
 def noise(footage: Footage, still: StillBlocks | None, hidden: NDArray[np.bool_]) -> Noise:

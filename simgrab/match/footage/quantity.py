@@ -8,25 +8,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Quantity:
-    """What footage determines of one quantity.
+    """What footage determines of one quantity."""
 
-    Attributes
-    ----------
-    value : float or None
-        None where the footage does not determine it.
-    low, high : float
-        Ends of the 95 % interval; infinite where there is none.
-    reason : str
-        Why it is not determined; empty where it is.
-    unit : str
-        As reports write it; empty for none.
-    """
-
-    value: float | None
+    value: float | None  # None where the footage does not determine it
+    # low, high: ends of the 95 % interval; infinite where there is none
     low: float = -math.inf
     high: float = math.inf
-    reason: str = ""
-    unit: str = ""
+    reason: str = ""  # why it is not determined; empty where it is
+    unit: str = ""  # as reports write it; empty for none
 
     def __post_init__(self) -> None:
         if (self.value is None) != bool(self.reason):

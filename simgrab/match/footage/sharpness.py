@@ -37,17 +37,10 @@ _SD_PERCENT, _SD_SHARE = 0.5, 0.05  # of the method itself: of the rise, and of 
 
 @dataclass(frozen=True)
 class Sharpness:
-    """How far edges overshoot, and the unsharp mask that makes rendered edges alike.
+    """How far edges overshoot, and the unsharp mask that makes rendered edges alike."""
 
-    Attributes
-    ----------
-    overshoot : Quantity
-        Above the level 5 to 8 px from the edge, of its rise, %.
-    amount, radius_px : float
-        Of the mask; an amount of 0 where there is none.
-    """
-
-    overshoot: Quantity
+    overshoot: Quantity  # above the level 5 to 8 px from the edge, of its rise, %
+    # amount, radius_px: of the mask; an amount of 0 where there is none
     amount: float = 0.0
     radius_px: float = 1.0
 

@@ -115,22 +115,13 @@ class Distortion:
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """A pinhole with square pixels (the paper's h = fx = fy), its principal point, and its lens.
+    """A pinhole with square pixels (the paper's h = fx = fy), its principal point, and its lens."""
 
-    Attributes
-    ----------
-    width_px, height_px : int
-        Size of the picture.
-    f_px : float
-        Focal length h, pixels.
-    cx_px, cy_px : float
-        Principal point; the image centre is (width/2, height/2).
-    distortion : Distortion
-    """
-
+    # width_px, height_px: size of the picture
     width_px: int
     height_px: int
-    f_px: float
+    f_px: float  # focal length h, pixels
+    # cx_px, cy_px: principal point; the image centre is (width/2, height/2)
     cx_px: float
     cy_px: float
     distortion: Distortion = Distortion()

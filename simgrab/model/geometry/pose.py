@@ -15,13 +15,6 @@ from simgrab.model.geometry.rotations import Array, to_camera
 class Pose:
     """Pose of an inner frame in an outer one: ``outer_from_inner``, x ↦ R x + t. NumPy converts it to its matrix.
 
-    Attributes
-    ----------
-    rotation : ndarray, shape (..., 3, 3)
-        R.
-    translation : ndarray, shape (..., 3)
-        t, the inner frame's origin, m.
-
     Examples
     --------
     >>> import numpy as np
@@ -31,8 +24,8 @@ class Pose:
     [3.0, 2.0, 1.0]
     """
 
-    rotation: Array
-    translation: Array
+    rotation: Array  # (..., 3, 3), R
+    translation: Array  # (..., 3), t, the inner frame's origin, m
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Pose:

@@ -110,36 +110,20 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Estimates:
-    """The estimates of M records of n frames each, as arrays; ``estimates[i]`` is the `Estimate` of one.
-
-    Attributes
-    ----------
-    estimator : str
-    ok : ndarray of bool, shape (M,)
-    reason : ndarray of str, shape (M,)
-        Why a record was refused; empty where ok.
-    frames : ndarray of int, shape (M,)
-    beta, tilt_azimuth, sigma : ndarray, shape (M,)
-        NaN where not ok. Count the refusals before you average over the rest.
-    alpha : ndarray, shape (M, n)
-    swing : ndarray, shape (M, n, 2), or None
-    offset : ndarray, shape (M, 3), or None
-    intervals : tuple of Intervals
-    diagnostics : mapping of str to ndarray, shape (M, ...)
-    """
+    """The estimates of M records of n frames each, as arrays; ``estimates[i]`` is the `Estimate` of one."""
 
     estimator: str
-    ok: NDArray[np.bool_]
-    reason: NDArray[np.str_]
-    frames: NDArray[np.int64]
-    beta: Array
-    tilt_azimuth: Array
-    sigma: Array
-    alpha: Array
-    offset: Array | None
+    ok: NDArray[np.bool_]  # (M,)
+    reason: NDArray[np.str_]  # (M,), why a record was refused; empty where ok
+    frames: NDArray[np.int64]  # (M,)
+    beta: Array  # (M,), NaN where not ok; count the refusals before you average over the rest
+    tilt_azimuth: Array  # (M,)
+    sigma: Array  # (M,)
+    alpha: Array  # (M, n)
+    offset: Array | None  # (M, 3)
     intervals: tuple[Intervals, ...]
-    diagnostics: Mapping[str, NDArray[Any]]
-    swing: Array | None = None
+    diagnostics: Mapping[str, NDArray[Any]]  # (M, ...)
+    swing: Array | None = None  # (M, n, 2)
 
     def __len__(self) -> int:
         return len(self.ok)

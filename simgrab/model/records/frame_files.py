@@ -28,25 +28,14 @@ _Index = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
 class FrameFile(msgspec.Struct, frozen=True):
-    """One frame's picture file; the columns of the same names in ``labels.parquet``.
-
-    Attributes
-    ----------
-    frame : int
-    file : str
-        Relative to the dataset.
-    clip : int or None
-    time_s : float or None
-        Time within the clip; None, like ``clip``, for independent frames.
-    image_sha256 : str
-        SHA-256 of the file.
-    """
+    """One frame's picture file; the columns of the same names in ``labels.parquet``."""
 
     frame: _Index
-    file: str
+    file: str  # relative to the dataset
     clip: _Index | None
+    # time within the clip; None, like `clip`, for independent frames
     time_s: Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)] | None
-    image_sha256: str
+    image_sha256: str  # SHA-256 of the file
 
 
 class PictureRow(Protocol):

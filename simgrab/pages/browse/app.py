@@ -35,19 +35,10 @@ _AT_ONCE = 4  # pictures and masks that are decoded: one may be large
 
 
 class Wanted(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is to be exported.
+    """What is to be exported."""
 
-    Attributes
-    ----------
-    rows : str
-        A bit for each row, the lowest of a byte first, as base64.
-    out : str
-        New folder.
-    format : str
-    """
-
-    rows: str
-    out: str
+    rows: str  # a bit for each row, the lowest of a byte first, as base64
+    out: str  # new folder
     format: str
 
 

@@ -27,27 +27,15 @@ Kind = Literal["number", "category", "text", "list"]
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of a table.
-
-    Attributes
-    ----------
-    name, unit, description : str
-    kind : str
-        ``number``; ``category``: few different texts, or whether something is so; ``text``; ``list`` of numbers.
-    values : pyarrow.ChunkedArray, length n
-    levels : tuple of str or None
-        Of categories, sorted; None, the last, where some rows have no value.
-    span : tuple of 2 float, or None
-        Least and largest number; None without any.
-    """
+    """A column of a table."""
 
     name: str
     unit: str
     description: str
-    kind: Kind
+    kind: Kind  # `number`; `category`: few different texts, or whether something is so; `text`; `list` of numbers
     values: pa.ChunkedArray
-    levels: tuple[str | None, ...] = ()
-    span: tuple[float, float] | None = None
+    levels: tuple[str | None, ...] = ()  # of categories, sorted; None, the last, where some rows have no value
+    span: tuple[float, float] | None = None  # least and largest number; None without any
 
     @property
     def codes(self) -> NDArray[np.uint32]:

@@ -29,42 +29,21 @@ class Order:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A folder that is browsed.
+    """A folder that is browsed."""
 
-    Attributes
-    ----------
-    name : str
-        Its path, as the user gave it.
-    kind : str
-        ``dataset`` or ``run``.
-    notes : tuple of str
-        What the user is to know: that it is unfinished, what is missing.
-    table : pyarrow.Table
-        A row for each frame.
-    order : Order
-    shown : tuple of str
-        Columns whose histograms are shown first, as far as there are such.
-    labels : FolderRows or None
-        Labels of each row, which may hold values that no labels have; null where nothing is known of it. None where
-        nothing is known of any.
-    dataset : Dataset or None
-        What a selection is exported from. None where nothing can be.
-    pictures : callable or None
-        Reads a row's picture, by the row's number. None where pictures are those of the labels.
-    size_px : tuple of 2 int, or None
-        Width and height of pictures whose row has no labels.
-    """
-
-    name: str
-    kind: str
-    notes: tuple[str, ...]
-    table: pa.Table
+    name: str  # its path, as the user gave it
+    kind: str  # `dataset` or `run`
+    notes: tuple[str, ...]  # what the user is to know: that it is unfinished, what is missing
+    table: pa.Table  # a row for each frame
     order: Order
-    shown: tuple[str, ...]
+    shown: tuple[str, ...]  # columns whose histograms are shown first, as far as there are such
+    # labels of each row, which may hold values that no labels have; null where nothing is known of it; None where
+    # nothing is known of any
     labels: FolderRows | None = None
-    dataset: Dataset | None = None
+    dataset: Dataset | None = None  # what a selection is exported from; None where nothing can be
+    # reads a row's picture, by the row's number; None where pictures are those of the labels
     pictures: Callable[[int], bytes] | None = None
-    size_px: tuple[int, int] | None = None
+    size_px: tuple[int, int] | None = None  # width and height of pictures whose row has no labels
 
     def __len__(self) -> int:
         return self.table.num_rows

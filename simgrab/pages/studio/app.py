@@ -33,24 +33,13 @@ Side = Literal["a", "b"]
 
 
 class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A request about a scene, of which each uses a part.
+    """A request about a scene, of which each uses a part."""
 
-    Attributes
-    ----------
-    scene : bytes
-        Plain data, as JSON.
-    side : str
-        Which of the scenes beside each other it is.
-    small : bool
-        Whether a small picture will do.
-    path, replace
-        Where it is saved, and whether a scene file there is replaced.
-    """
-
-    scene: msgspec.Raw
-    side: Side = "a"
+    scene: msgspec.Raw  # plain data, as JSON
+    side: Side = "a"  # which of the scenes beside each other it is
     frame: int = 0
-    small: bool = False
+    small: bool = False  # whether a small picture will do
+    # path, replace: where it is saved, and whether a scene file there is replaced
     path: str = ""
     replace: bool = False
 

@@ -61,43 +61,20 @@ class Chance:
 
 @dataclass(frozen=True, eq=False)
 class Dimensions:
-    """Sizes of the closed grab, which stands on z = 0; x is radial in the plane of a jaw.
+    """Sizes of the closed grab, which stands on z = 0; x is radial in the plane of a jaw."""
 
-    Attributes
-    ----------
-    size : float
-        Of everything, relative to a grab of 6 m³.
-    count : int
-        Number of jaws; 0 for a closed vessel.
-    half, half_y : float
-        Half the width of jaws or vessel along x and y, m.
-    depth : float
-        Height of jaws or vessel, m.
-    hinge : tuple of 2 floats
-        Of a jaw, (r, z), m.
-    head_z : tuple of 2 floats
-        Where the head begins and ends, m.
-    head_half : tuple of 2 floats
-        Half the head's width along x and y, m.
-    plates : bool
-        Whether jaws are of plates, which hold cargo, or of bars.
-    curve : ndarray, shape (17, 2)
-        Inside of a jaw from its lip to its rim, (r, z), m.
-    jaw_y : tuple of floats
-        Where two jaws have their levers along y, m.
-    """
-
-    size: float
-    count: int
+    size: float  # of everything, relative to a grab of 6 m³
+    count: int  # number of jaws; 0 for a closed vessel
+    # half, half_y: half the width of jaws or vessel along x and y, m
     half: float
     half_y: float
-    depth: float
-    hinge: tuple[float, float]
-    head_z: tuple[float, float]
-    head_half: tuple[float, float]
-    plates: bool
-    curve: Array
-    jaw_y: tuple[float, ...]
+    depth: float  # height of jaws or vessel, m
+    hinge: tuple[float, float]  # of a jaw, (r, z), m
+    head_z: tuple[float, float]  # where the head begins and ends, m
+    head_half: tuple[float, float]  # half the head's width along x and y, m
+    plates: bool  # whether jaws are of plates, which hold cargo, or of bars
+    curve: Array  # (17, 2), inside of a jaw from its lip to its rim, (r, z), m
+    jaw_y: tuple[float, ...]  # where two jaws have their levers along y, m
 
     @classmethod
     def draw(cls, keys: Assembled, chance: Chance) -> Dimensions:

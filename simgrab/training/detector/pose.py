@@ -56,18 +56,10 @@ _OUTERMOST = 1 + (BEYOND - 2) * CELL / POSE_SIZE  # at which the net has an edge
 
 @dataclass(frozen=True, eq=False)
 class Crops:
-    """Two crops of each frame, (n, 2, CROP, CROP, 3): of the grab, where there is one, and of something else.
-
-    Attributes
-    ----------
-    crops : ndarray of uint8
-    patches : list of list of Patch
-        What they show of the picture.
-    frames : sequence of Frame
-    """
+    """Two crops of each frame, (n, 2, CROP, CROP, 3): of the grab, where there is one, and of something else."""
 
     crops: NDArray[np.uint8]
-    patches: list[list[Patch]]
+    patches: list[list[Patch]]  # what they show of the picture
     frames: Sequence[cache.TrainingFrame]
 
 

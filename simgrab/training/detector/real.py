@@ -24,24 +24,12 @@ MOST_TIMES = 16
 
 @dataclass(frozen=True, eq=False)
 class Real:
-    """Real frames.
+    """Real frames."""
 
-    Attributes
-    ----------
-    train : tuple of BoxedFrame
-        To learn from.
-    val : tuple of BoxedFrame
-        For the presence threshold and the factors of deviations.
-    held_out : tuple of BoxedFrame
-        To judge by.
-    summary : tuple of str
-        A line for each dataset.
-    """
-
-    train: tuple[cache.BoxedFrame, ...]
-    val: tuple[cache.BoxedFrame, ...]
-    held_out: tuple[cache.BoxedFrame, ...]
-    summary: tuple[str, ...] = ()
+    train: tuple[cache.BoxedFrame, ...]  # to learn from
+    val: tuple[cache.BoxedFrame, ...]  # for the presence threshold and the factors of deviations
+    held_out: tuple[cache.BoxedFrame, ...]  # to judge by
+    summary: tuple[str, ...] = ()  # a line for each dataset
 
     def repeated(self, rendered: int) -> list[cache.TrainingFrame]:
         """Give frames to learn from, each as often as makes them `SHARE` of all, beside so many rendered ones."""

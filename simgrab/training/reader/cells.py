@@ -26,24 +26,12 @@ HALVES = 2  # boxes of each picture that lie half off a digit
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Boxes out of pictures, what they show, and where they are from.
+    """Boxes out of pictures, what they show, and where they are from."""
 
-    Attributes
-    ----------
-    boxes : tuple of ndarray of uint8, shape (h, w)
-        Grey cells with their margin and `SPARE_PX` more.
-    digits : ndarray of int, shape (n,)
-        0 … 9, or `NO_DIGIT`.
-    frames : ndarray of int, shape (n,)
-        Boxes of one number are of one picture, and as large.
-    weather : tuple of str
-        Of each picture.
-    """
-
-    boxes: tuple[Picture, ...]
-    digits: NDArray[np.int64]
-    frames: NDArray[np.int64]
-    weather: tuple[str, ...]
+    boxes: tuple[Picture, ...]  # (h, w), grey cells with their margin and `SPARE_PX` more
+    digits: NDArray[np.int64]  # (n,), 0 … 9, or `NO_DIGIT`
+    frames: NDArray[np.int64]  # (n,), boxes of one number are of one picture, and as large
+    weather: tuple[str, ...]  # of each picture
 
 
 def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:

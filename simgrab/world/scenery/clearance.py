@@ -18,18 +18,10 @@ CELL_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Highest point of the surroundings over a square grid around the vertical through O, place frame, m.
+    """Highest point of the surroundings over a square grid around the vertical through O, place frame, m."""
 
-    Attributes
-    ----------
-    top : ndarray, shape (N, N)
-        Indexed [y, x]; −inf where there is nothing.
-    half_width : float
-        Half the width of the square, m.
-    """
-
-    top: Array
-    half_width: float
+    top: Array  # (N, N), indexed [y, x]; −inf where there is nothing
+    half_width: float  # half the width of the square, m
 
     @classmethod
     def of(cls, meshes: Iterable[trimesh.Trimesh], half_width: float) -> HeightMap:

@@ -37,34 +37,16 @@ COVER_SPACING_M, COVER_DEPTH_M = 0.15, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The parts of a world, not built yet.
+    """The parts of a world, not built yet."""
 
-    Attributes
-    ----------
-    scenario : Scenario
-        In which nothing varies.
-    draws : Draws
-        Keys of random details, such as stains.
-    grab : Design
-    ropes : Ropes
-    place : tuple of Part
-        Surroundings below the jib, in the place's frame.
-    jib : sequence of Part
-        The jib head, in the jib frame.
-    bodies : mapping of str to sequence of Part
-        The grab, each body in its own frame.
-    heaps : sequence of Part
-        Cargo in the grab, one heap for each of `CARGO_LEVELS` or none, in the grab's frame.
-    """
-
-    scenario: Scenario
-    draws: Draws
+    scenario: Scenario  # in which nothing varies
+    draws: Draws  # keys of random details, such as stains
     grab: Design
     ropes: Ropes
-    place: tuple[Part, ...]
-    jib: Sequence[Part]
-    bodies: Mapping[str, Sequence[Part]]
-    heaps: Sequence[Part]
+    place: tuple[Part, ...]  # surroundings below the jib, in the place's frame
+    jib: Sequence[Part]  # the jib head, in the jib frame
+    bodies: Mapping[str, Sequence[Part]]  # the grab, each body in its own frame
+    heaps: Sequence[Part]  # cargo in the grab, one heap for each of `CARGO_LEVELS` or none, in the grab's frame
 
     @cached_property
     def shapes(self) -> dict[str, trimesh.Trimesh]:

@@ -21,49 +21,24 @@ SWING = ("alpha [deg]", "azimuth [deg]")
 
 @dataclass(frozen=True)
 class Setting:
-    """Surroundings of a sensor in one clip.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    world : Draws
-        Keys of the random details of the place.
-    opened : callable
-        Opens the sensor's streams.
-    frames : range
-        Numbers of the clip's frames.
-    split : callable
-        Gives the split of a frame.
-    renders : bool
-        Whether cameras render pictures; other values are the same without them.
-    """
+    """Surroundings of a sensor in one clip."""
 
     scenario: Scenario
-    world: Draws
-    opened: Open
-    frames: range
-    split: Callable[[int], str]
-    renders: bool = False
+    world: Draws  # keys of the random details of the place
+    opened: Open  # opens the sensor's streams
+    frames: range  # numbers of the clip's frames
+    split: Callable[[int], str]  # gives the split of a frame
+    renders: bool = False  # whether cameras render pictures; other values are the same without them
 
 
 @dataclass(frozen=True, eq=False)
 class SensorRows:
-    """Rows of a sensor's two tables.
+    """Rows of a sensor's two tables."""
 
-    Attributes
-    ----------
-    stamp_ns : ndarray of int64, shape (n,)
-    values : ndarray, shape (n, columns)
-    truth : ndarray, shape (n, truth columns)
-        Truth of each row; the first column is the true time.
-    pictures : sequence of bytes
-        Encoded pictures, one for each row; only for a camera that renders.
-    """
-
-    stamp_ns: NDArray[np.int64]
-    values: Array
-    truth: Array
-    pictures: Sequence[bytes] = ()
+    stamp_ns: NDArray[np.int64]  # (n,)
+    values: Array  # (n, columns)
+    truth: Array  # (n, truth columns), truth of each row; the first column is the true time
+    pictures: Sequence[bytes] = ()  # encoded pictures, one for each row; only for a camera that renders
 
 
 class Device(ABC):

@@ -27,17 +27,10 @@ class SensorClock:
 
     At the true time t of the clip it shows ``offset + (1 + drift) t``; it samples ``rate_hz`` times in a second of its
     own.
-
-    Attributes
-    ----------
-    rate_hz : float
-    offset : float
-        s.
-    drift : float
     """
 
     rate_hz: float
-    offset: float = 0.0
+    offset: float = 0.0  # s
     drift: float = 0.0
 
     @classmethod

@@ -43,70 +43,35 @@ class Motion:
 
     Vectors are in the *pivot frame* unless stated: its origin is O, and its axes are those of the unslewed jib frame,
     which do not turn. T is the middle of the rope ends, on the grab's axis.
-
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        Since the clip began.
-    attitude : ndarray, shape (n, 3, 3)
-        Rotation of the grab's frame in the pivot frame.
-    rate : ndarray, shape (n, 3)
-        Its angular velocity, grab frame.
-    direction, direction_rate, direction_acceleration : ndarray, shape (n, 3)
-        Unit vector from O to T, with its derivatives.
-    rope, rope_rate, rope_acceleration : ndarray, shape (n,)
-        Length paid out: |OT| + |TA|.
-    length : ndarray, shape (n,)
-        |OT|.
-    gravity : ndarray, shape (n, 3)
-        Less the acceleration of O.
-    wind : ndarray, shape (n, 2)
-        Velocity of the air, m/s.
-    slew, slew_rate, slew_acceleration : ndarray, shape (n,)
-        Slewing angle, rate and acceleration of the jib.
-    slew_setpoint, luff_setpoint : ndarray, shape (n,)
-        Speeds that are demanded of the drives, which follow them in ramps.
-    radius, luffed : ndarray, shape (n,)
-        Distance from the slewing axis to O, and its growth.
-    jaw, load : ndarray, shape (n,)
-        Opening of the jaws, and fill.
-    held : ndarray of bool, shape (n,)
-        Whether cargo holds the grab: it digs.
-    shake, shake_rate : ndarray, shape (n, 2)
-        Lean of the jib head from vibration, jib frame, as the tangent of its angle.
-    lean, lean_rate : ndarray, shape (n, 2)
-        Lean of the camera about its attitude at rest, ``shake`` included.
-    waves : Displacement or None
-        None if the ropes are straight.
     """
 
-    time: Array
-    attitude: Array
-    rate: Array
-    direction: Array
-    direction_rate: Array
-    direction_acceleration: Array
-    rope: Array
-    rope_rate: Array
-    rope_acceleration: Array
-    length: Array
-    gravity: Array
-    wind: Array
-    slew: Array
-    slew_rate: Array
-    slew_acceleration: Array
-    slew_setpoint: Array
-    luff_setpoint: Array
-    radius: Array
-    luffed: Array
-    jaw: Array
-    load: Array
-    held: NDArray[np.bool_]
-    shake: Array
-    shake_rate: Array
-    lean: Array
-    lean_rate: Array
-    waves: Displacement | None = None
+    time: Array  # (n,), since the clip began
+    attitude: Array  # (n, 3, 3), rotation of the grab's frame in the pivot frame
+    rate: Array  # (n, 3), its angular velocity, grab frame
+    direction: Array  # (n, 3), unit vector from O to T
+    direction_rate: Array  # (n, 3)
+    direction_acceleration: Array  # (n, 3)
+    rope: Array  # (n,), length paid out: |OT| + |TA|
+    rope_rate: Array  # (n,)
+    rope_acceleration: Array  # (n,)
+    length: Array  # (n,), |OT|
+    gravity: Array  # (n, 3), less the acceleration of O
+    wind: Array  # (n, 2), velocity of the air, m/s
+    slew: Array  # (n,), slewing angle of the jib
+    slew_rate: Array  # (n,)
+    slew_acceleration: Array  # (n,)
+    slew_setpoint: Array  # (n,), speeds that are demanded of the drives, which follow them in ramps
+    luff_setpoint: Array  # (n,)
+    radius: Array  # (n,), distance from the slewing axis to O
+    luffed: Array  # (n,), growth of `radius`
+    jaw: Array  # (n,), opening of the jaws
+    load: Array  # (n,), fill
+    held: NDArray[np.bool_]  # (n,), whether cargo holds the grab: it digs
+    shake: Array  # (n, 2), lean of the jib head from vibration, jib frame, as the tangent of its angle
+    shake_rate: Array  # (n, 2)
+    lean: Array  # (n, 2), lean of the camera about its attitude at rest, `shake` included
+    lean_rate: Array  # (n, 2)
+    waves: Displacement | None = None  # None if the ropes are straight
 
     def __getitem__(self, which: NDArray[np.intp]) -> Motion:
         parts: dict[str, Any] = {name: None if values is None else values[which] for name, values in vars(self).items()}

@@ -21,21 +21,11 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Attitude, angular rate and specific force of a sensor at n instants.
+    """Attitude, angular rate and specific force of a sensor at n instants."""
 
-    Attributes
-    ----------
-    attitude : ndarray, shape (n, 3, 3)
-        Rotation of the sensor's frame in the pivot frame; see `Motion`.
-    rate : ndarray, shape (n, 3)
-        Angular velocity over the ground, sensor frame, rad/s.
-    force : ndarray, shape (n, 3)
-        Specific force, acceleration less gravity, sensor frame, m/s².
-    """
-
-    attitude: Array
-    rate: Array
-    force: Array
+    attitude: Array  # (n, 3, 3), rotation of the sensor's frame in the pivot frame; see `Motion`
+    rate: Array  # (n, 3), angular velocity over the ground, sensor frame, rad/s
+    force: Array  # (n, 3), specific force, acceleration less gravity, sensor frame, m/s²
 
 
 def kinematics(mounting: Mounting, motion: Motion, scenario: Scenario) -> Kinematics:

@@ -22,34 +22,17 @@ from simgrab.world.sensors.table import DEVICES, implementation
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Readings of a sensor in one clip, and their truth.
-
-    Attributes
-    ----------
-    name : str
-    sensor : MotionSensor
-        The sensor's table in the scenario.
-    stamp_ns : ndarray of int64, shape (n,)
-        Time stamps of the sensor's own clock, ns since the clip began.
-    columns : tuple of str
-        Names of ``values``, each with its unit in brackets.
-    values : ndarray, shape (n, len(columns))
-        Reported values.
-    truth_columns : tuple of str
-    truth : ndarray, shape (n, len(truth_columns))
-        Truth of each sample; the first column is the true time, s since the clip began.
-    body_from_sensor : ndarray, shape (4, 4), or None
-        Nominal pose in the frame of its body, m; None for encoders.
-    """
+    """Readings of a sensor in one clip, and their truth."""
 
     name: str
-    sensor: MotionSensor
-    stamp_ns: NDArray[np.int64]
-    columns: tuple[str, ...]
-    values: Array
+    sensor: MotionSensor  # the sensor's table in the scenario
+    stamp_ns: NDArray[np.int64]  # (n,), time stamps of the sensor's own clock, ns since the clip began
+    columns: tuple[str, ...]  # names of `values`, each with its unit in brackets
+    values: Array  # (n, len(columns)), reported values
     truth_columns: tuple[str, ...]
+    # (n, len(truth_columns)), truth of each sample; the first column is the true time, s since the clip began
     truth: Array
-    body_from_sensor: Array | None
+    body_from_sensor: Array | None  # (4, 4), nominal pose in the frame of its body, m; None for encoders
 
     def true(self, column: str) -> Array:
         """Return a column of the truth, shape (n,); raises KeyError with the names of all."""

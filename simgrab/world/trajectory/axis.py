@@ -11,20 +11,11 @@ from simgrab.model.geometry import Array
 
 @dataclass(frozen=True)
 class Move:
-    """A move from rest to rest: velocity rises over ``ramp``, stays constant, and falls over ``brake``.
+    """A move from rest to rest: velocity rises over ``ramp``, stays constant, and falls over ``brake``."""
 
-    Attributes
-    ----------
-    start : float
-        s.
-    distance : float
-        In the axis' unit (m or rad), signed.
-    duration, ramp, brake : float
-        s.
-    """
-
-    start: float
-    distance: float
+    start: float  # s
+    distance: float  # in the axis' unit (m or rad), signed
+    # duration, ramp, brake: s
     duration: float
     ramp: float
     brake: float

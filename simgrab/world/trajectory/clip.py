@@ -26,40 +26,18 @@ MOST_INTERVAL_S = 0.02  # between changes of what acts on the grab
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Block:
-    """The inputs that drive a clip during `BLOCK` intervals. Vectors are in axes that do not turn, unless stated.
+    """The inputs that drive a clip during `BLOCK` intervals. Vectors are in axes that do not turn, unless stated."""
 
-    Attributes
-    ----------
-    count : int
-        Number of the first interval; interval 0 begins with the first frame.
-    interval : float
-        s.
-    course : Course
-        Course at both ends of all intervals, one instant more than intervals.
-    gravity : ndarray, shape (BLOCK, 3)
-        Less O's mean acceleration, m/s².
-    velocity : ndarray, shape (BLOCK + 1, 2)
-        Velocity of O, at the intervals' ends, m/s.
-    felt : ndarray, shape (BLOCK, 3)
-        ``gravity`` in the jib frame of the interval's beginning.
-    wind, push : ndarray, shape (BLOCK, 2)
-        m/s, and m/s².
-    shake : ndarray, shape (BLOCK, 2)
-        Lean of the jib head from vibration at the intervals' beginnings, jib frame, rad.
-    lean : ndarray, shape (BLOCK + 1, 2, 2)
-        Lean of the camera's mount and its rate, at the intervals' ends; see `Mount`.
-    """
-
-    count: int
-    interval: float
-    course: Course
-    gravity: Array
-    velocity: Array
-    felt: Array
-    wind: Array
-    push: Array
-    shake: Array
-    lean: Array
+    count: int  # number of the first interval; interval 0 begins with the first frame
+    interval: float  # s
+    course: Course  # course at both ends of all intervals, one instant more than intervals
+    gravity: Array  # (BLOCK, 3), less O's mean acceleration, m/s²
+    velocity: Array  # (BLOCK + 1, 2), velocity of O, at the intervals' ends, m/s
+    felt: Array  # (BLOCK, 3), `gravity` in the jib frame of the interval's beginning
+    wind: Array  # (BLOCK, 2), m/s
+    push: Array  # (BLOCK, 2), m/s²
+    shake: Array  # (BLOCK, 2), lean of the jib head from vibration at the intervals' beginnings, jib frame, rad
+    lean: Array  # (BLOCK + 1, 2, 2), lean of the camera's mount and its rate, at the intervals' ends; see `Mount`
 
     def drives(self) -> Iterator[Drive]:
         """Yield the drive of the grab in each interval."""

@@ -15,24 +15,12 @@ _WEEKDAYS = "一二三四五六日"  # from Monday
 
 @dataclass(frozen=True)
 class Shown:
-    """The text in one picture, as it can be read there.
+    """The text in one picture, as it can be read there."""
 
-    Attributes
-    ----------
-    clock_text : str
-        Date, weekday and clock.
-    rope_text : str
-        Both numbers, above the row where they tore.
-    rope_text_below : str
-        Below that row; the same where nothing tore.
-    torn_row_px : int or None
-        First row that shows `rope_text_below`; None where nothing tore.
-    """
-
-    clock_text: str
-    rope_text: str
-    rope_text_below: str
-    torn_row_px: int | None
+    clock_text: str  # date, weekday and clock
+    rope_text: str  # both numbers, above the row where they tore
+    rope_text_below: str  # below that row; the same where nothing tore
+    torn_row_px: int | None  # first row that shows `rope_text_below`; None where nothing tore
 
 
 def shown(display: Display, layout: Layout, time_s: float, lengths_at: Callable[[float], tuple[float, float]]) -> Shown:

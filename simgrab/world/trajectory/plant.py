@@ -42,61 +42,35 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Drive:
-    """Inputs that act on the grab during one interval.
+    """Inputs that act on the grab during one interval."""
 
-    Attributes
-    ----------
-    gravity : tuple of 3 floats
-        Gravity less O's mean acceleration, m/s².
-    velocity : tuple of 2 floats
-        Velocity of O over the ground, m/s, horizontal.
-    heading : float
-        Heading of the jib, rad, half-way through the interval.
-    rope, rope_rate, rope_acceleration : float
-        Commanded |OA| at the interval's start, and its rate; mean acceleration over the interval.
-    wind, push : tuple of 2 floats
-        Wind over the ground, m/s; further horizontal acceleration of the grab, m/s².
-    held : bool
-        The cargo holds the grab.
-    jaw, load : float
-        Opening, rad, and fill.
-    """
-
-    gravity: Vector
-    velocity: tuple[float, float]
-    heading: float
+    gravity: Vector  # gravity less O's mean acceleration, m/s²
+    velocity: tuple[float, float]  # velocity of O over the ground, m/s, horizontal
+    heading: float  # heading of the jib, rad, half-way through the interval
+    # rope, rope_rate, rope_acceleration: commanded |OA| at the interval's start, and its rate; mean acceleration over
+    # the interval
     rope: float
     rope_rate: float
     rope_acceleration: float
+    # wind, push: wind over the ground, m/s; further horizontal acceleration of the grab, m/s²
     wind: tuple[float, float]
     push: tuple[float, float]
-    held: bool
+    held: bool  # the cargo holds the grab
+    # jaw, load: opening, rad, and fill
     jaw: float
     load: float
 
 
 class Forces(NamedTuple):
-    """Forces during one interval, as input of the equations of motion.
+    """Forces during one interval, as input of the equations of motion."""
 
-    Attributes
-    ----------
-    gravity : tuple of 3 floats
-        m/s².
-    push : tuple of 3 floats
-        Force on the centre of mass without weight, N.
-    rope_acceleration : float
-        Acceleration of the rope paid out, m/s².
-    twist, heading : float
-        Stiffness against yaw, N m/rad, and the yaw without torque, rad.
-    damping, yaw_damping, joint_damping : float
-        Damping of the swing, of the yaw, and of the grab against its ropes, N m s.
-    """
-
-    gravity: Vector
-    push: Vector
-    rope_acceleration: float
+    gravity: Vector  # m/s²
+    push: Vector  # force on the centre of mass without weight, N
+    rope_acceleration: float  # acceleration of the rope paid out, m/s²
+    # twist, heading: stiffness against yaw, N m/rad, and the yaw without torque, rad
     twist: float
     heading: float
+    # damping, yaw_damping, joint_damping: damping of the swing, of the yaw, and of the grab against its ropes, N m s
     damping: float
     yaw_damping: float
     joint_damping: float

@@ -25,15 +25,7 @@ SPREAD = 2.0  # standard deviations at which variation is cut off
 
 @dataclass(frozen=True)
 class Course:
-    """The commanded course of a clip at some instants, arrays (n,); rad, m, s.
-
-    Attributes
-    ----------
-    slew, slew_rate, luffed, luff_rate, rope, rope_rate : ndarray
-    jaw, load : ndarray
-    held : ndarray of bool
-        The jaws are in the cargo, which holds the grab.
-    """
+    """The commanded course of a clip at some instants, arrays (n,); rad, m, s."""
 
     slew: Array
     slew_rate: Array
@@ -43,7 +35,7 @@ class Course:
     rope_rate: Array
     jaw: Array
     load: Array
-    held: NDArray[np.bool_]
+    held: NDArray[np.bool_]  # the jaws are in the cargo, which holds the grab
 
 
 class Work:

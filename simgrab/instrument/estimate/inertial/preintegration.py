@@ -36,24 +36,12 @@ def rotation_vector(turn: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Preintegrated:
-    """The sensor's readings between k consecutive nodes, in the mount frame of the earlier node.
+    """The sensor's readings between k consecutive nodes, in the mount frame of the earlier node."""
 
-    Attributes
-    ----------
-    step : ndarray, shape (k − 1,)
-        s.
-    turn : ndarray, shape (k − 1, 3, 3)
-        Rotation from the later node's mount frame to the earlier one's.
-    force : ndarray, shape (k − 1, 3)
-        Mean specific force, m/s².
-    rate : ndarray, shape (k − 1, 3)
-        Mean angular rate, rad/s.
-    """
-
-    step: Array
-    turn: Array
-    force: Array
-    rate: Array
+    step: Array  # (k − 1,), s
+    turn: Array  # (k − 1, 3, 3), rotation from the later node's mount frame to the earlier one's
+    force: Array  # (k − 1, 3), mean specific force, m/s²
+    rate: Array  # (k − 1, 3), mean angular rate, rad/s
 
 
 def preintegrate(time: Array, imu: ImuReadings, mount_from_camera: Array) -> Preintegrated:

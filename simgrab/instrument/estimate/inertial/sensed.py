@@ -66,25 +66,15 @@ def unfit(time: Array, imu: ImuReadings) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """Motion that a sensor measured, and what its later readings need.
-
-    Attributes
-    ----------
-    motion : JibMotion
-    variance : ndarray, shape (m,)
-        Of the lean per axis, rad², by what turns the camera and the measured acceleration of O together: no picture
-        shows that. What the accelerometer's bias adds is the motion's drift.
-    attitude : ndarray, shape (3, 3)
-        At the end, from the mount frame to the level frame.
-    bias, response : ndarray, shape (3,)
-        Of the gyroscope at the end, rad/s, and its response to a rate about the optical axis.
-    """
+    """Motion that a sensor measured, and what its later readings need."""
 
     motion: JibMotion
+    # (m,), of the lean per axis, rad², by what turns the camera and the measured acceleration of O together: no
+    # picture shows that; what the accelerometer's bias adds is the motion's drift
     variance: Array
-    attitude: Array
-    bias: Array
-    response: Array
+    attitude: Array  # (3, 3), at the end, from the mount frame to the level frame
+    bias: Array  # (3,), of the gyroscope at the end, rad/s
+    response: Array  # (3,), of `bias` to a rate about the optical axis
 
     def later(self, imu: ImuReadings, time: float, calibration: Calibration) -> Sensed:
         """Turn the camera on to a later time, s, by the gyroscope; the velocity is not followed."""

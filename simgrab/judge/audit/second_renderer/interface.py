@@ -15,18 +15,10 @@ Shapes = Mapping[str, tuple[Array, NDArray[np.int64]]]
 
 
 class SecondRenderer(Protocol):
-    """Renders silhouettes of posed shapes. The constructor raises `RendererError` where it cannot render here.
+    """Renders silhouettes of posed shapes. The constructor raises `RendererError` where it cannot render here."""
 
-    Attributes
-    ----------
-    package : str
-        The package that it needs.
-    name : str
-        What it is, with the version.
-    """
-
-    package: str
-    name: str
+    package: str  # the package that it needs
+    name: str  # what it is, with the version
 
     def __init__(self) -> None: ...
 

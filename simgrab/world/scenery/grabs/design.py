@@ -28,35 +28,21 @@ AIR_DRAG = 1.3  # drag coefficient of a body of plates and bars
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body of a grab.
-
-    Attributes
-    ----------
-    name : str
-    mass_kg : float
-    parts : sequence of Part
-        Watertight, in the body's frame. A material's name is that of a field of `simgrab.world.scenery.meshes.paint`'s
-        ``Finish``, which paints it; a material of any other name is drawn unchanged.
-    parent : str
-        Body to which it is hinged, or in which it slides; empty for the first one, the head, whose frame is the grab
-        frame.
-    pin : tuple of 3 floats
-        Origin of the frame in the parent's when the grab is closed, m.
-    axis : tuple of 3 floats
-        Unit vector that it turns about or slides along, in its own frame.
-    slides : bool
-    own_solid : Trimesh, optional
-        Solids over which the mass is spread, if parts are not closed.
-    """
+    """A rigid body of a grab."""
 
     name: str
     mass_kg: float
+    # watertight, in the body's frame; a material's name is that of a field of `simgrab.world.scenery.meshes.paint`'s
+    # `Finish`, which paints it; a material of any other name is drawn unchanged
     parts: Sequence[Part]
+    # body to which it is hinged, or in which it slides; empty for the first one, the head, whose frame is the grab
+    # frame
     parent: str = ""
-    pin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # origin of the frame in the parent's when the grab is closed, m
+    # unit vector that it turns about or slides along, in its own frame
     axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
     slides: bool = False
-    own_solid: trimesh.Trimesh | None = None
+    own_solid: trimesh.Trimesh | None = None  # solids over which the mass is spread, if parts are not closed
 
     @cached_property
     def steel(self) -> trimesh.Trimesh:

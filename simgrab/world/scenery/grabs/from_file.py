@@ -47,37 +47,19 @@ _READERS = {"glb": gltf.read, "gltf": gltf.read, "obj": obj.read, "ply": ply.rea
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What is connected of a geometry.
+    """What is connected of a geometry."""
 
-    Attributes
-    ----------
-    solid : Trimesh
-        The steel: a closed surface's inside, and an open one as plates of `PLATE_M`.
-    closed : bool
-        Whether it is watertight.
-    area_m2 : float
-    """
-
-    solid: trimesh.Trimesh
-    closed: bool
+    solid: trimesh.Trimesh  # the steel: a closed surface's inside, and an open one as plates of `PLATE_M`
+    closed: bool  # whether it is watertight
     area_m2: float
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One geometry of a model, where it stands in the file's frame: metres, z up.
+    """One geometry of a model, where it stands in the file's frame: metres, z up."""
 
-    Attributes
-    ----------
-    parts : tuple of Part
-        One part, or one for each colour of its faces.
-    nodes : tuple of str
-        Names of the node that shows it and of all its ancestors.
-    surfaces : tuple of Surface
-    """
-
-    parts: tuple[Part, ...]
-    nodes: tuple[str, ...]
+    parts: tuple[Part, ...]  # one part, or one for each colour of its faces
+    nodes: tuple[str, ...]  # names of the node that shows it and of all its ancestors
     surfaces: tuple[Surface, ...]
 
     @property
@@ -108,21 +90,11 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class ImportedModel:
-    """A model's visible content, turned and scaled by the keys.
+    """A model's visible content, turned and scaled by the keys."""
 
-    Attributes
-    ----------
-    pieces : list of Piece
-        Relative to ``origin_m``.
-    origin_m : ndarray, shape (3,)
-        From the file's origin, metres, z up: zero but for a model that lies far from it.
-    contents : Contents
-        Content in the file's own units and axes.
-    """
-
-    pieces: list[Piece]
-    origin_m: Array
-    contents: Contents
+    pieces: list[Piece]  # relative to `origin_m`
+    origin_m: Array  # (3,), from the file's origin, metres, z up: zero but for a model that lies far from it
+    contents: Contents  # content in the file's own units and axes
 
     @cached_property
     def loose(self) -> tuple[list[str], Array]:

@@ -29,14 +29,9 @@ CARGO_KG_M3 = 850.0  # coal, as the grab's size is stated for
 
 @dataclass(frozen=True)
 class Scale:
-    """Sizes of a grab, in units of its kind's usual proportions.
+    """Sizes of a grab, in units of its kind's usual proportions."""
 
-    Attributes
-    ----------
-    x, y, z : float
-        Metres a unit, along the axes of the grab frame.
-    """
-
+    # x, y, z: metres a unit, along the axes of the grab frame
     x: float
     y: float
     z: float

@@ -35,27 +35,15 @@ _SIZE = 512
 
 @dataclass(frozen=True)
 class Finish:
-    """The grab's materials.
+    """The grab's materials."""
 
-    Attributes
-    ----------
-    body, hazard : Material
-        Painted profiles; striped warning paint.
-    plate : Material
-        The number plate; UVs span it once.
-    dark : Material
-        Greasy pins and sheaves.
-    shell : Material
-        The shells' painted outside, which wears towards the lip; v runs from lip to rim.
-    lining, lip : Material
-        The shells' scoured inside (UVs as ``shell``); the bright cutting edges.
-    """
-
+    # body, hazard: painted profiles; striped warning paint
     body: Material
     hazard: Material
-    plate: Material
-    dark: Material
-    shell: Material
+    plate: Material  # the number plate; UVs span it once
+    dark: Material  # greasy pins and sheaves
+    shell: Material  # the shells' painted outside, which wears towards the lip; v runs from lip to rim
+    # lining, lip: the shells' scoured inside (UVs as `shell`); the bright cutting edges
     lining: Material
     lip: Material
 

@@ -22,32 +22,19 @@ CREASE_ANGLE = np.radians(35.0)  # edges sharper than this keep their facets
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Look of a surface in MuJoCo's classic renderer.
+    """Look of a surface in MuJoCo's classic renderer."""
 
-    Attributes
-    ----------
-    name : str
-        Unique within a model.
-    rgba : tuple of 4 floats
-        Colour, multiplied with the texture, if any.
-    texture : ndarray, shape (H, W, 3), uint8, or None
-        Repeats; its first row is the top of the picture (v = 1). Or a function that paints it, see `picture`, and
-        gives the same array each time.
-    tile_m : float
-        Side of one tile of the texture, metres, where UVs are metric (see `Part.uv`).
-    specular, shininess, emission : float
-        In [0, 1].
-    shades : bool
-        Whether it casts shadows. Level ground below everything else could cast one on itself alone, by rounding.
-    """
-
-    name: str
-    rgba: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    name: str  # unique within a model
+    rgba: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)  # colour, multiplied with the texture, if any
+    # (H, W, 3), repeats; its first row is the top of the picture (v = 1); or a function that paints it, see
+    # `picture`, and gives the same array each time
     texture: Texture | Paint | None = field(default=None, repr=False)
-    tile_m: float = 1.0
+    tile_m: float = 1.0  # side of one tile of the texture, metres, where UVs are metric (see `Part.uv`)
+    # specular, shininess, emission: in [0, 1]
     specular: float = 0.2
     shininess: float = 0.2
     emission: float = 0.0
+    # whether it casts shadows; level ground below everything else could cast one on itself alone, by rounding
     shades: bool = True
 
     @property
@@ -58,22 +45,13 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One shape, fixed in the frame of one body.
-
-    Attributes
-    ----------
-    name : str
-    mesh : trimesh.Trimesh
-        Metres, in the body's frame, outward-facing.
-    material : Material
-    uv : ndarray, shape (V, 2), or None
-        Texture coordinates of the mesh's vertices in tiles. None projects the texture along the axis that each
-        face looks along, in metres divided by ``material.tile_m``.
-    """
+    """One shape, fixed in the frame of one body."""
 
     name: str
-    mesh: trimesh.Trimesh
+    mesh: trimesh.Trimesh  # metres, in the body's frame, outward-facing
     material: Material
+    # (V, 2), texture coordinates of the mesh's vertices in tiles; None projects the texture along the axis that each
+    # face looks along, in metres divided by `material.tile_m`
     uv: Array | None = None
 
     def moved(self, transform: Array, name: str | None = None) -> Part:

@@ -27,23 +27,12 @@ YELLOW, WHITE = (158, 138, 74), (170, 169, 163)
 
 @dataclass(frozen=True)
 class Apron:
-    """A painted but unfinished apron.
-
-    Attributes
-    ----------
-    canvas : Canvas
-    far : callable
-        Paints the apron before anything local was painted.
-    edge_y : float
-        The quay's edge, metres in the quay frame; water lies at smaller y.
-    rails_y : tuple of 2 floats
-        Crane rails.
-    """
+    """A painted but unfinished apron."""
 
     canvas: Canvas
-    far: Paint
-    edge_y: float
-    rails_y: tuple[float, float]
+    far: Paint  # paints the apron before anything local was painted
+    edge_y: float  # the quay's edge, metres in the quay frame; water lies at smaller y
+    rails_y: tuple[float, float]  # crane rails
 
 
 def slabs(pixels: int, rng: np.random.Generator) -> Paint:

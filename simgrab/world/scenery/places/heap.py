@@ -13,24 +13,12 @@ Field = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Cargo:
-    """A bulk material.
+    """A bulk material."""
 
-    Attributes
-    ----------
-    texture : str
-        Bundled texture.
-    tile_m : float
-        Side of one tile of it, metres.
-    repose : float
-        Angle of repose, radians.
-    rough : float
-        Standard deviation of the heap's surface at scales below a metre, metres.
-    """
-
-    texture: str
-    tile_m: float
-    repose: float
-    rough: float
+    texture: str  # bundled texture
+    tile_m: float  # side of one tile of it, metres
+    repose: float  # angle of repose, radians
+    rough: float  # standard deviation of the heap's surface at scales below a metre, metres
 
 
 CARGOES = {

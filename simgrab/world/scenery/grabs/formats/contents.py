@@ -17,73 +17,38 @@ Faces = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class FileMaterial:
-    """A material.
+    """A material."""
 
-    Attributes
-    ----------
-    rgb : tuple of 3 floats
-        Display values (sRGB) in [0, 1], multiplied with the texture.
-    texture : bytes or None
-        A picture's file.
-    specular, shininess : float
-        As `Material` has them.
-    """
-
-    rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    texture: bytes | None = field(default=None, repr=False)
+    rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)  # display values (sRGB) in [0, 1], multiplied with the texture
+    texture: bytes | None = field(default=None, repr=False)  # a picture's file
+    # specular, shininess: as `Material` has them
     specular: float = 0.2
     shininess: float = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Triangles of one material, where one node shows them.
+    """Triangles of one material, where one node shows them."""
 
-    Attributes
-    ----------
-    nodes : tuple of str
-        Names of the node and of all its ancestors.
-    vertices : ndarray, shape (n, 3)
-        In the file's unit and axes, before ``pose``.
-    faces : ndarray, shape (m, 3)
-    surface : FileMaterial or None
-        None if the file gives it no colour.
-    uv : ndarray, shape (n, 2), or None
-        Texture coordinates; v = 1 is the top of the picture.
-    colours : ndarray, shape (m, 3), or None
-        Display values (sRGB) of the faces, in [0, 1], instead of the surface's ``rgb``.
-    pose : ndarray, shape (4, 4)
-        Pose of the node's frame in the file's.
-    """
-
-    nodes: tuple[str, ...]
-    vertices: Array
-    faces: Faces
-    surface: FileMaterial | None = None
-    uv: Array | None = None
+    nodes: tuple[str, ...]  # names of the node and of all its ancestors
+    vertices: Array  # (n, 3), in the file's unit and axes, before `pose`
+    faces: Faces  # (m, 3)
+    surface: FileMaterial | None = None  # None if the file gives it no colour
+    uv: Array | None = None  # (n, 2), texture coordinates; v = 1 is the top of the picture
+    # (m, 3), display values (sRGB) of the faces, in [0, 1], instead of the surface's `rgb`
     colours: Array | None = None
-    pose: Array = field(default_factory=lambda: np.eye(4))
+    pose: Array = field(default_factory=lambda: np.eye(4))  # (4, 4), pose of the node's frame in the file's
 
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """The content of a file, with notes on parts that are not shown.
-
-    Attributes
-    ----------
-    shapes : tuple of Shape
-    doubts : tuple of str
-        Sentences on content that is shown otherwise than the file means it, each with a remedy.
-    unread : tuple of str
-        Content that is left out without visible effect.
-    unit : str
-        Unit that the file states in words; empty if it states none.
-    """
+    """The content of a file, with notes on parts that are not shown."""
 
     shapes: tuple[Shape, ...]
+    # sentences on content that is shown otherwise than the file means it, each with a remedy
     doubts: tuple[str, ...] = ()
-    unread: tuple[str, ...] = ()
-    unit: str = ""
+    unread: tuple[str, ...] = ()  # content that is left out without visible effect
+    unit: str = ""  # unit that the file states in words; empty if it states none
 
 
 def some(names: Iterable[str]) -> str:

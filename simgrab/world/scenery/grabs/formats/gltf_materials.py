@@ -23,26 +23,13 @@ _OTHER_TEXTURES = ("normalTexture", "occlusionTexture", "metallicRoughnessTextur
 
 @dataclass(frozen=True, eq=False)
 class GltfMaterial:
-    """A material, and its use of texture coordinates.
-
-    Attributes
-    ----------
-    surface : FileMaterial
-    factor : ndarray, shape (3,)
-        Linear.
-    uv_set : int
-        Number of ``TEXCOORD_n``.
-    transform : ndarray, shape (2, 3)
-        Transform of texture coordinates whose v points down.
-    blends : bool
-        Whether alpha is used.
-    """
+    """A material, and its use of texture coordinates."""
 
     surface: FileMaterial
-    factor: Array
-    uv_set: int
-    transform: Array
-    blends: bool
+    factor: Array  # (3,), linear
+    uv_set: int  # number of `TEXCOORD_n`
+    transform: Array  # (2, 3), transform of texture coordinates whose v points down
+    blends: bool  # whether alpha is used
 
     def placed(self, uv: Array) -> Array:
         """Convert texture coordinates of the file, shape (n, 2), to simgrab's, whose v points up."""
@@ -52,20 +39,11 @@ class GltfMaterial:
 
 @dataclass
 class Materials:
-    """The materials of a file, each made when it is first used.
+    """The materials of a file, each made when it is first used."""
 
-    Attributes
-    ----------
-    content : mapping
-        The file's JSON.
-    picture : callable
-        Returns an image's file by its number; None if it is missing.
-    doubts, unread : dict
-        Sentences on what is not shown, and names of what is left out, as keys in order.
-    """
-
-    content: Mapping[str, Any]
-    picture: Callable[[int], bytes | None]
+    content: Mapping[str, Any]  # the file's JSON
+    picture: Callable[[int], bytes | None]  # returns an image's file by its number; None if it is missing
+    # doubts, unread: sentences on what is not shown, and names of what is left out, as keys in order
     doubts: dict[str, None] = field(default_factory=dict)
     unread: dict[str, None] = field(default_factory=dict)
     _made: dict[int, GltfMaterial] = field(default_factory=dict)
