@@ -19,7 +19,6 @@ def lumps(rng: np.random.Generator, *, count: int, fill: float) -> tuple[Image, 
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     count : int
         Lumps on the tile.
     fill : float

@@ -17,7 +17,6 @@ def fractal(
     ----------
     size : int
         Pixels a side.
-    rng : numpy.random.Generator
     slope : float
         Amplitude falls as frequency^(−slope/2): 0 is white, 2 is cloudy, 3 and more is smooth.
     low, high : float

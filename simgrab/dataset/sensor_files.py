@@ -72,7 +72,6 @@ def describe(sensor: MotionSensor, body_from_sensor: Array | None, grab_kg: floa
 
     Parameters
     ----------
-    sensor : MotionSensor
     body_from_sensor : ndarray, shape (4, 4), or None
         Nominal pose, T_BS.
     grab_kg : float

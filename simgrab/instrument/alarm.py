@@ -114,7 +114,6 @@ def events(
         Seconds, increasing.
     measurements : sequence of n Measurement
         Frames without an α neither raise nor end an alarm.
-    raised_at : float
     chance : callable
         The probability that raises an alarm at ``raised_at``: `danger`, or `warning` at `WARNED_AT`.
     """

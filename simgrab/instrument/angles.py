@@ -94,14 +94,12 @@ def forecasts(
     ----------
     forecaster : Forecaster
         Of one record, with its earlier frames.
-    record : RecordArrays
     swing : ndarray, shape (n, 2)
         Horizontal part of the unit direction OA.
     alpha : ndarray, shape (n,)
         NaN where there is none.
     ends : ndarray, shape (n, 2)
         Its intervals.
-    focal_px : float
     motion : sequence of ndarray
         Of the jib at a single frame, as `Controller.jib_motion` gives it.
     """
@@ -129,13 +127,11 @@ def measurements(
 
     Parameters
     ----------
-    record : RecordArrays
     alpha : ndarray, shape (n,)
         NaN where there is none.
     ends : ndarray, shape (n, 2)
     refused : str
         Reason for frames that lack an angle although no input was missing.
-    ahead : Forecast, optional
     swing : ndarray, shape (n, 2), optional
         Horizontal part of the unit direction OA, jib frame.
     needs_rope : bool

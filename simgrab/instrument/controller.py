@@ -134,7 +134,6 @@ class Controller:
 
         Parameters
         ----------
-        time : float
         after_s : ndarray, shape (m,)
             Seconds after it, from less to more.
 
@@ -275,7 +274,6 @@ def clock_offset(controller: Controller, time: Array, display: Array) -> ClockOf
 
     Parameters
     ----------
-    controller : Controller
     time : ndarray, shape (n,)
         Of the frames, s.
     display : ndarray, shape (n,)

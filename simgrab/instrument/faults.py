@@ -175,7 +175,6 @@ class FaultWatch:
 
         Parameters
         ----------
-        now : float
         swing : ndarray, shape (1, 2)
         sd, rope : ndarray, shape (1,)
             As `Forecaster.step` takes them.

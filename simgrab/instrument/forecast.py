@@ -112,10 +112,6 @@ class Forecaster:
             counter-clockwise, rad/s. NaN where it reports nothing.
         planned : ndarray, shape (k, 18, 17, 3), optional
             The same in the middles of the next 17 steps, if the drives are stopped in each of them, and last if not.
-
-        Returns
-        -------
-        State
         """
         last, seconds, nothing = self.state, time - self._time, State.before(len(rope))
         if seconds > CUT_S:
@@ -172,7 +168,6 @@ def forecast(state: State, tilt_sd: Array) -> Forecast:
 
     Parameters
     ----------
-    state : State
     tilt_sd : ndarray, shape (k,)
         Standard deviation of the part of α's error that does not change, from tilt and offset, rad.
     """

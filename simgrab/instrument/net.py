@@ -103,7 +103,6 @@ def open_net(path: str | Path, refuse: Callable[[str], SimgrabError] = DetectorE
 
     Parameters
     ----------
-    path : str or path
     refuse : callable
         Makes the error to raise from a message.
     threads : int

@@ -417,7 +417,6 @@ def assemble(
         As `simgrab.instrument.detect.detector` takes it.
     estimator : str, optional
         A name in `ESTIMATORS`.
-    calibrate_s : float, optional
     tilt : path, optional
         A ``tilt.toml``.
     live : bool

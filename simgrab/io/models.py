@@ -120,7 +120,6 @@ def read(path: str | Path, refuse: Refuse) -> ModelFile:
 
     Parameters
     ----------
-    path : str or Path
     refuse : callable
         Makes the error to raise from a message, for a model that cannot be read, is larger than `MOST_BYTES` in total,
         states more than `MOST_FACES` triangles, or refers to a file outside its folder.

@@ -100,7 +100,6 @@ def read(path: Path, bits: int | None = None) -> NDArray[np.uint8]:
 
     Parameters
     ----------
-    path : Path
     bits : int, optional
         Bits of a 16-bit picture's values, as `bits` finds them in the folder. Unless given, a picture whose values are
         all below 2¹⁴ is refused: it may have 14 bits or fewer, or be dark.

@@ -78,7 +78,6 @@ def match(
     ----------
     videos : sequence of str or Path
         Of one camera; each quantity is that of the video that determines it best.
-    detector : Detector
     night : bool
         Whether they were recorded by floodlights.
     compare : bool

@@ -29,7 +29,6 @@ def load(path: Path, identity: dict[str, Any]) -> dict[str, Any]:
 
     Parameters
     ----------
-    path : Path
     identity : dict
         What makes the training what it is: recipe, data and versions.
 

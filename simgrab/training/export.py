@@ -37,7 +37,6 @@ def export(
         Name of what goes in.
     outputs : list of str
         Names of what comes out.
-    path : Path
     facts : mapping
         Plain data for the metadata.
     key : str

@@ -20,7 +20,6 @@ def claim(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> Iterato
 
     Parameters
     ----------
-    out : Path
     resume : bool
         Take a folder that holds a training; one that is not empty is refused otherwise, and one that holds none always.
     traces : sequence of str

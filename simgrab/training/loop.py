@@ -101,15 +101,12 @@ def train(
     ----------
     build : callable
         Makes the net; torch is seeded before.
-    task : Task
-    recipe : TrainingRecipe
     out : Path
         Folder of the checkpoint.
     data : str
         Digest of the examples; a checkpoint is not taken up with others.
     resume : bool
         Go on from the checkpoint, where there is one.
-    report : callable
     loaders : int
         Processes that make batches, forked from this one, which a fast device waits for less; 0 makes them in a thread.
         The batches are the same.

@@ -230,7 +230,6 @@ def peaks(logits: NDArray[np.float32], reach: NDArray[np.float32], most: int = 8
     logits : ndarray, shape (rows, columns)
     reach : ndarray, shape (4, rows, columns)
         From a cell's middle to the left, top, right and bottom edge, px of the small picture.
-    most : int
 
     Returns
     -------

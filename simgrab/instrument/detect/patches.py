@@ -77,7 +77,6 @@ def cut(picture: Picture, patch: Patch, width: int, height: int) -> Picture:
     Parameters
     ----------
     picture : ndarray of uint8, shape (h, w, channels)
-    patch : Patch
     width, height : int
         Size of the result.
 

@@ -143,7 +143,6 @@ def decode(out: NDArray[np.generic], how: OutputLayout, column: int, height: int
     Parameters
     ----------
     out : ndarray, shape (1, n, 5 + classes) or (1, 4 + classes, n)
-    how : OutputLayout
     column : int
         Index of the grab among the classes.
     height, width : int

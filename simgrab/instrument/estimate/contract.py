@@ -90,7 +90,6 @@ class Estimator(ABC):
         ----------
         pixels : array_like, shape (n, 2)
             Grab centre of each frame as the picture has it; NaN where it was not found.
-        calibration : Calibration
         rope_length : array_like, shape (n,), optional
             \|OA\|, m: the display's length plus the calibration's display constant.
         time : array_like, shape (n,), optional

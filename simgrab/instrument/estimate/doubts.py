@@ -45,7 +45,6 @@ def doubt(estimator: Estimator, record: PixelRecord, calibration: Calibration, f
         What found it, with the controller that it used.
     record : PixelRecord
         With rope length and time.
-    calibration : Calibration
     found : Estimate
         From all of the record. Of one that did not converge it says what to check.
 

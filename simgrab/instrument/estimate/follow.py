@@ -176,10 +176,8 @@ def follow(
 
     Parameters
     ----------
-    tilt : Known
     pixels : array_like, shape (n, 2)
         Grab centre as the picture has it; NaN where it was not found.
-    calibration : Calibration
     rope_length : array_like, shape (n,), optional
         \|OA\|, m; required if the tilt comes with an offset.
     time : array_like, shape (n,), optional
@@ -265,7 +263,6 @@ def far_offset(
     ----------
     found : sequence of 3 floats or None
         Estimated with a prior of at least `LEAST_OFFSET_SD_M`.
-    calibration : Calibration
     by_motion : bool
         Whether it was estimated with the controller's slewing and radius.
     fixed : ndarray, shape (3,), optional

@@ -151,7 +151,6 @@ def advance(
     ----------
     x : ndarray, shape (k, d)
     parameters : ndarray, shape (21,)
-    links : Links
     acceleration : ndarray, shape (k, 2) or (2,), or 0.0
         Of O, m/s².
     lightness : ndarray, shape (k,), or float

@@ -112,11 +112,9 @@ def fit(
 
     Parameters
     ----------
-    nodes : Nodes
     path : ndarray, shape (k, d)
     parameters : ndarray, shape (21,)
     strengths : ndarray, shape (3,)
-    priors : PendulumPriors
     searches : int
         Greatest number of steps with a search.
     free : ndarray, shape (k − 1,), optional

@@ -60,8 +60,6 @@ def solve(
 
     Parameters
     ----------
-    record : PixelRecord
-    calibration : Calibration
     estimator : Estimator
         As `informed` returns it.
     controller : Controller, optional

@@ -128,7 +128,6 @@ def read_texts(path: str | Path, names: Collection[str], header: str) -> pa.Tabl
 
     Parameters
     ----------
-    path : path
     names : collection of str
         Columns that must not be there twice; others are ignored.
     header : str

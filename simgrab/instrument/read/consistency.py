@@ -48,7 +48,6 @@ def consistent(times: Array, lengths: Array, hoist: Hoist | None = None) -> NDAr
         Seconds, increasing.
     lengths : ndarray, shape (n,)
         Lengths of the hoist rope, m; NaN where there is no reading; it is not accepted.
-    hoist : Hoist, optional
 
     Returns
     -------

@@ -111,7 +111,6 @@ def run(
         Of a prepared season, of which ``clips`` is read.
     out : Path
         New folder.
-    instrument : Instrument
     track : str
         Of the season (`simgrab.lab.bench.season.sensors_of`).
     method : str

@@ -23,7 +23,6 @@ def draw(
 
     Parameters
     ----------
-    seed : int
     name : str
         Of the study, which keys the streams together with the number of frames.
     records, frames : int

@@ -59,7 +59,6 @@ def rope_plane(lines: Array, view: SideView) -> Array | None:
     ----------
     lines : ndarray, shape (n, 4)
         As `rope_lines` returns them; those that do not pass the rope exit, or lean too much, are left out.
-    view : SideView
 
     Returns
     -------

@@ -86,8 +86,6 @@ class LidarDevice(Device):
 
         Parameters
         ----------
-        motion : Motion
-        i : int
         directions : ndarray, shape (n, 3)
             Unit vectors, sensor frame.
 

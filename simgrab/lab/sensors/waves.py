@@ -97,7 +97,6 @@ class Strings:
 
         Parameters
         ----------
-        seconds : float
         instants : sequence of float
             Within the interval, s from its beginning.
         length : float
@@ -151,7 +150,6 @@ class RopeWaves:
 
         Parameters
         ----------
-        block : Block
         which : ndarray of int, shape (n,)
             Increasing numbers of the block's intervals in which the instants are.
         late : ndarray, shape (n,)

@@ -85,7 +85,6 @@ def measure(footage: Footage, detector: Detector, *, night: bool = False) -> App
 
     Parameters
     ----------
-    footage : Footage
     detector : Detector
         That detects the grab.
     night : bool

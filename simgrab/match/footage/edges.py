@@ -74,10 +74,8 @@ def resampled_sd(
         Of edges.
     parts : ndarray of int, shape (n,)
         See `part_of`.
-    statistic : callable
     name : str
         Of the random stream.
-    draws : int
     """
     rng, groups = stream(0, 0, name), [values[parts == part] for part in np.unique(parts)]
     picks = (rng.integers(len(groups), size=len(groups)) for _ in range(draws))

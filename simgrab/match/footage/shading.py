@@ -39,7 +39,6 @@ def vignetting(footage: Footage, still: NDArray[np.bool_] | None, hidden: NDArra
 
     Parameters
     ----------
-    footage : Footage
     still : ndarray of bool, shape (height, width), or None
         Pixels that stand still.
     hidden : ndarray of bool, shape (height, width)

@@ -44,7 +44,6 @@ def open(path: Path, source: Path | None) -> Subject:
 
     Parameters
     ----------
-    path : Path
     source : Path, optional
         The dataset, video or folder of pictures that the run measured. Unless given, a dataset that the run names and
         whose labels have the digest that it names.

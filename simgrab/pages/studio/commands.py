@@ -25,7 +25,6 @@ def command(origin: str, scenario: Scenario) -> str | None:
     ----------
     origin : str
         A bundled scene's name, or the path of a file.
-    scenario : Scenario
 
     Examples
     --------

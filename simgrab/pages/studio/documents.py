@@ -143,15 +143,10 @@ class Documents:
 
         Parameters
         ----------
-        scenario : Scenario
         name : str
             Path within the folder; its own folder must be there.
         replace : bool
             Whether a scene file that is there is replaced. Any other file never is.
-
-        Returns
-        -------
-        Path
 
         Raises
         ------

@@ -90,7 +90,6 @@ def build(
     ----------
     folder : Path
         Of the files; it exists once they are whole.
-    chosen : sequence of TrainingFrame
     shape : tuple of int
         Of what ``make`` gives for a frame.
     make : callable

@@ -75,8 +75,6 @@ def crops(
 
     Parameters
     ----------
-    folder : Path
-    chosen : sequence of Frame
     suspects : sequence of sequences of ndarray, shape (4,)
         Boxes of each frame, px, that the coarse net took for the grab; what is none of it becomes a hard example.
     seed : int

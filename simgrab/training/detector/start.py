@@ -36,7 +36,6 @@ def begun(build: Callable[[], nn.Module], path: Path, examples: Tensor) -> nn.Mo
     ----------
     build : callable
         Makes a net of the file's architecture.
-    path : Path
     examples : Tensor
         What goes in, several dozen.
 

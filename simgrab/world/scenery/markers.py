@@ -40,7 +40,6 @@ def mark_points(plate: Circles | AprilTag, end_height: float) -> Array:
 
     Parameters
     ----------
-    plate : Circles or AprilTag
     end_height : float
         Height of the rope ends in the grab's frame, m.
 

@@ -33,12 +33,10 @@ def parked_grabs(
 
     Parameters
     ----------
-    clutter : Clutter
     place : sequence of Part
         In the jib frame, as the result.
     head_height : float
         Rope exit above the quay's surface, m.
-    rng : numpy.random.Generator
     """
     if not clutter.other_grabs:
         return []

@@ -33,7 +33,6 @@ def shown(display: Display, layout: Layout, time_s: float, lengths_at: Callable[
 
     Parameters
     ----------
-    display : Display
     layout : Layout
         Fitted to the picture.
     time_s : float

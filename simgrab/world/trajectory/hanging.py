@@ -23,7 +23,6 @@ def rope_lean(alpha: float, share: float, ratio: float, *, of_ropes: bool = Fals
         Between OA and gravity, rad.
     share : float
         |TA|/|OA|, or |TA|/|OT|; less than 1.
-    ratio : float
     of_ropes : bool
         Whether the share is that of |OT|.
     """

@@ -70,7 +70,6 @@ def noise(shape: ShapingFilter, step: float, *, seed: int, clip: int, name: str)
     shape : ShapingFilter
     step : float
         Time between samples, s.
-    seed, clip : int
     name : str
         The variable; block k is drawn from the stream ``name/k``.
     """

@@ -20,7 +20,6 @@ def any_of(kind: str, rng: np.random.Generator, volume_m3: tuple[float, float]) 
     ----------
     kind : str
         ``model`` of a scene's ``[grab]``.
-    rng : numpy.random.Generator
     volume_m3 : tuple of 2 floats
         Least and most, m³.
     """

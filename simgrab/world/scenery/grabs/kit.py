@@ -77,7 +77,6 @@ def hinged(
 
     Parameters
     ----------
-    name, parent : str
     parts : sequence of Part
         Parts in their places of the closed grab, at azimuth 0.
     azimuth : float
@@ -213,12 +212,10 @@ def cylinder_parts(
 
     Parameters
     ----------
-    cylinder : Cylinder
     radius, collar_m : float
         Radius of the barrel, and how long its collar is, m.
     shares : tuple of 2 floats
         Longest barrel, by the shortest distance of the pins up to ``max_jaw``, and by the distance in the closed grab.
-    *y : float
     """
     start = np.array(cylinder.head_pin)
     end = np.add(cylinder.hinge, cylinder.jaw_pin)

@@ -65,9 +65,6 @@ def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[Part], 
 
     Parameters
     ----------
-    spec : mujoco.MjSpec
-    body : mujoco.MjsBody
-    parts : iterable of Part
     group : int
         MuJoCo geom group, which identifies what a pixel belongs to.
     prefix : str

@@ -17,7 +17,6 @@ def build(place: Place, *, head_height: float, rng: np.random.Generator) -> list
 
     Parameters
     ----------
-    place : Place
     head_height : float
         Rope exit above the quay's surface, metres.
     rng : numpy.random.Generator

@@ -144,7 +144,6 @@ def edge(apron: Apron, water_z: float, first: float) -> list[Part]:
 
     Parameters
     ----------
-    apron : Apron
     water_z : float
         Water level in the quay frame, metres.
     first : float

@@ -35,7 +35,6 @@ def sea(
         Ranges of y that hold water, metres; ships and quays lie between them.
     foam_y : sequence of float
         Walls along x at which foam and flotsam gather.
-    rng : numpy.random.Generator
     """
     shifts = rng.integers(0, round(PIXELS * TILE / SIZE), (2, 2))
     ripples = noise(rng, cells=5, octaves=4), noise(rng, cells=4, octaves=4)

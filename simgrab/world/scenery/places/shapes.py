@@ -161,7 +161,6 @@ def sheet(x: ArrayLike, y: ArrayLike, z: ArrayLike, *, bottom: float) -> trimesh
         Grid lines, ascending, metres.
     z : ndarray, shape (N, M)
         Heights, metres, all above ``bottom``.
-    bottom : float
     """
     x, y, z = np.asarray(x, float), np.asarray(y, float), np.asarray(z, float)
     n, m = len(x), len(y)
