@@ -138,10 +138,7 @@ def compare(a: Results, b: Results) -> Iterator[str]:
     The interval is a percentile bootstrap: it holds 95 % of the ratios of medians when each run's samples are drawn
     again with replacement. It covers the spread within two runs, and not how much further runs would differ.
 
-    Raises
-    ------
-    ResultsError
-        If the runs share no quantity, or name one in different units.
+    Raises `ResultsError` if the runs share no quantity, or name one in different units.
     """
     ours, theirs = ({quantity.name: quantity for quantity in results.quantities} for results in (a, b))
     shared = [name for name in ours if name in theirs]

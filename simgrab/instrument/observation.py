@@ -40,11 +40,8 @@ def observe(
 ) -> Iterator[Observation]:
     """Detect the grab and read the display in each frame; without a reader or a display layout, nothing is read.
 
-    Raises
-    ------
-    DetectorError, ReaderError, LayoutError
-        If detector, reader or layout cannot use a picture, or a detection is invalid. A note names the frame, as that
-        of any other error.
+    Raises `DetectorError`, `ReaderError`, `LayoutError` if detector, reader or layout cannot use a picture, or a
+    detection is invalid. A note names the frame, as that of any other error.
     """
     for i, frame in enumerate(frames):
         try:

@@ -143,11 +143,8 @@ class Pipeline:
     def chosen(self, calibration: Calibration, *, live: bool = False) -> Estimator:
         """Choose the estimator for a camera.
 
-        Raises
-        ------
-        RunError
-            If the estimator needs the rope's length, and neither a display nor the controller states it, or the whole
-            record of a live run.
+        Raises `RunError` if the estimator needs the rope's length, and neither a display nor the controller states it,
+        or the whole record of a live run.
         """
         known = calibration.digit_layout is not None and self.reader is not None
         known = known or (self.controller is not None and self.controller.rope is not None)

@@ -184,10 +184,7 @@ def plain_name(source: str) -> str:
 def fitting(frames: Iterator[Frame], calibration: Calibration) -> Iterator[Frame]:
     """Turn pictures of another size than the camera's into lost frames.
 
-    Raises
-    ------
-    SourceError
-        If the first picture has another size: then source and camera file do not belong together.
+    Raises `SourceError` if the first picture has another size: then source and camera file do not belong together.
     """
     size = (calibration.width_px, calibration.height_px)
     seen = False

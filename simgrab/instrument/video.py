@@ -73,11 +73,8 @@ class Video:
     def __iter__(self) -> Iterator[Frame]:
         """Decode from the beginning, as `simgrab.io.playback` shows frames. Time counts from the first.
 
-        Raises
-        ------
-        SourceError
-            If the file is gone, is truncated before its first picture, or its pictures are turned by other than quarter
-            turns.
+        Raises `SourceError` if the file is gone, is truncated before its first picture, or its pictures are turned by
+        other than quarter turns.
         """
         with self.opened() as stream:
             yield from _with_gaps(_decoded(stream, _Clock(stream, self.timed, self._rate_hz), self.name))
@@ -85,10 +82,7 @@ class Video:
     def from_time(self, time_s: float) -> Generator[Frame, None, None]:
         """Decode from a key frame at or before a time, or from the beginning if the file cannot be searched.
 
-        Raises
-        ------
-        SourceError
-            If the file is gone, or cannot be read from there.
+        Raises `SourceError` if the file is gone, or cannot be read from there.
         """
         for back_s in _BACK_S:
             with self.opened() as stream:
@@ -115,13 +109,7 @@ class Video:
 
     @contextmanager
     def opened(self) -> Iterator[VideoStream]:
-        """Open the container, and its stream of pictures.
-
-        Raises
-        ------
-        SourceError
-            If the file is gone.
-        """
+        """Open the container, and its stream of pictures; raises `SourceError` if the file is gone."""
         try:
             file = self._path.open("rb")
         except OSError as problem:
@@ -176,10 +164,7 @@ class Stream:
     def __iter__(self) -> Iterator[Frame]:
         """Decode from now on, as a `Video`; time counts from the first frame.
 
-        Raises
-        ------
-        SourceError
-            If it is read a second time, or ends before its first picture.
+        Raises `SourceError` if it is read a second time, or ends before its first picture.
         """
         container, self._container = self._container, None
         if container is None:

@@ -128,12 +128,9 @@ def decode(data: bytes, path: Path | str, bits: int | None = None, *, half: bool
 
     With ``half``, a JPEG is decoded at half its size, in a fraction of the time.
 
-    Raises
-    ------
-    PictureError
-        If the picture is not a JPEG, PNG, BMP, TIFF or WebP, is truncated or damaged, contains several pictures, has
-        values of more than 16 bits or of more than ``bits``, more than `MOST_PIXELS` pixels, a side above `MOST_SIDE`,
-        or more than `MOST_SCANS` scans.
+    Raises `PictureError` if the picture is not a JPEG, PNG, BMP, TIFF or WebP, is truncated or damaged, contains
+    several pictures, has values of more than 16 bits or of more than ``bits``, more than `MOST_PIXELS` pixels, a side
+    above `MOST_SIDE`, or more than `MOST_SCANS` scans.
     """
     with _opened(data, path) as image:
         if isinstance(image, TiffImageFile) or _depth(image, data) > 8:

@@ -70,10 +70,7 @@ def barrel(width_px: int, height_px: int, across_deg: float, up_deg: float) -> f
     The lens images a ray at the angle θ from the axis at the radius f·t/√(1 + c·t²), t = tan θ: with c = 0 as a
     pinhole, with c = 1 as f·sin θ. So cot²(across/2) + c is (f/R)² with half the width as R, and alike up.
 
-    Raises
-    ------
-    ValueError
-        If no such lens gives both angles.
+    Raises `ValueError` if no such lens gives both angles.
     """
     ratio = (width_px / height_px) ** 2
     if ratio == 1:
@@ -108,10 +105,7 @@ def brown(width_px: int, height_px: int, f_px: float, c: float) -> tuple[float, 
 
     It maps all rays up to 3 % beyond the picture's corners, and folds nowhere there.
 
-    Raises
-    ------
-    ValueError
-        If the picture is too wide for such a lens.
+    Raises `ValueError` if the picture is too wide for such a lens.
     """
     import numpy as np
     from scipy.optimize import linprog
@@ -147,10 +141,7 @@ def first_fitting(
 ) -> tuple[float, float, tuple[float, float, float]]:
     """Return the first barrel distortion that a scene can have, the focal length in px that goes with it, and `brown`.
 
-    Raises
-    ------
-    ValueError
-        If the lens is too wide with each.
+    Raises `ValueError` if the lens is too wide with each.
     """
     *others, last = barrels
     for c in others:

@@ -79,10 +79,7 @@ class Masks:
     def coded(self, row: Row) -> Coded | None:
         """Look up the mask of a row; None where the labels hold none.
 
-        Raises
-        ------
-        DatasetError
-            If the file cannot be read.
+        Raises `DatasetError` if the file cannot be read.
         """
         file = self._path / coco_name(row.split)
         if row.split not in self._spans:

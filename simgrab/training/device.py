@@ -13,13 +13,7 @@ from simgrab.training.recipe import TrainingRecipe
 
 
 def named(name: str) -> torch.device:
-    """Open a device.
-
-    Raises
-    ------
-    TrainingError
-        If this machine has none of the name.
-    """
+    """Open a device; raises `TrainingError` if this machine has none of the name."""
     try:
         device = torch.device(name)
         torch.empty(1, device=device)

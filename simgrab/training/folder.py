@@ -49,11 +49,6 @@ def check(out: Path, *, resume: bool, traces: Sequence[str] = TRACES) -> None:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all.
-
-    Raises
-    ------
-    TrainingError
-    """
+    """Write a file whole or not at all; raises `TrainingError`."""
     with writing(path, TrainingError):
         files.write(path, data)

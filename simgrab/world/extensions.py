@@ -57,10 +57,7 @@ class Extensions:
     ) -> Extensions:
         """Collect functions, each given as an object or by the name of an entry point.
 
-        Raises
-        ------
-        ExtensionError
-            If no installed package offers the name, or the object cannot be called.
+        Raises `ExtensionError` if no installed package offers the name, or the object cannot be called.
         """
         if not isinstance(effects, list | tuple):
             raise ExtensionError("effects must be a list of functions or names")
@@ -80,10 +77,8 @@ class Extensions:
     def moment(self, scenario: Scenario, frame: int) -> Moment:
         """Moment of a frame by the user's trajectory.
 
-        Raises
-        ------
-        ExtensionError
-            If the trajectory raises an error, or returns an impossible moment. The message names the frame.
+        Raises `ExtensionError` if the trajectory raises an error, or returns an impossible moment. The message names
+        the frame.
         """
         assert self.trajectory is not None
         rng = stream(scenario.seed, frame, "trajectory")
@@ -97,10 +92,7 @@ class Extensions:
     def apply(self, rgb: Picture, moment: Moment, scenario: Scenario) -> Picture:
         """Apply the effects to a picture.
 
-        Raises
-        ------
-        ExtensionError
-            If an effect raises an error, or does not return a picture of the same size.
+        Raises `ExtensionError` if an effect raises an error, or does not return a picture of the same size.
         """
         for number, effect in enumerate(self.effects):
             rng = stream(scenario.seed, moment.frame, f"effect.{number}")

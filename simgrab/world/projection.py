@@ -53,10 +53,7 @@ class Projection:
 def project(scenario: Scenario, plan: Plan, nominal: Moment) -> Projection:
     """Project a frame's moment.
 
-    Raises
-    ------
-    ScenarioError
-        If the state is impossible. The message names frame and key.
+    Raises `ScenarioError` if the state is impossible. The message names frame and key.
     """
     moment = shutter.exposed(scenario, nominal)
     frame, state = moment.frame, moment.grab

@@ -110,10 +110,8 @@ class VideoFiles:
     def unfinished(self, *, resume: bool) -> list[int]:
         """Clips that remain to be made.
 
-        Raises
-        ------
-        DatasetError
-            If the place is taken; with ``resume``, only if by something other than the same scenario's clips.
+        Raises `DatasetError` if the place is taken; with ``resume``, only if by something other than the same
+        scenario's clips.
         """
         check_file(self.files(0)[self.path.suffix], DatasetError, "--video")
         journal, remaining = self.journal, []

@@ -25,10 +25,7 @@ R = TypeVar("R", bound=PixelRecord)
 def on_clock(controller: Controller, record: PixelRecord) -> tuple[Controller, ClockOffset]:
     """Put a controller on the clock of a record, whose rope lengths are of a display; and by how much it was off.
 
-    Raises
-    ------
-    RecordError
-        For independent frames, and as `clock_offset` does.
+    Raises `RecordError` for independent frames, and as `clock_offset` does.
     """
     if record.time is None:
         raise RecordError("the controller's data need frames that follow each other in time")

@@ -196,9 +196,7 @@ def one_line(
 
     Errors of the class ``passing`` are raised as they are.
 
-    Raises
-    ------
-    InstrumentError
+    Raises `InstrumentError`.
     """
     try:
         yield

@@ -89,10 +89,7 @@ class Footage:
 def read(path: str | Path) -> Footage:
     """Read the first seconds of a video.
 
-    Raises
-    ------
-    SourceError
-        If it cannot be opened, or breaks off before its first picture.
+    Raises `SourceError` if it cannot be opened, or breaks off before its first picture.
     """
     video = Video(Path(path))
     with video.opened() as stream:

@@ -59,10 +59,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 def is_dataset(path: Path) -> bool:
     """Whether a folder is a dataset, finished or not, and not just a folder of pictures.
 
-    Raises
-    ------
-    DatasetError
-        If that cannot be determined, because the name is too long or the folder may not be searched.
+    Raises `DatasetError` if that cannot be determined, because the name is too long or the folder may not be searched.
     """
     return is_file(path / LABELS, DatasetError) or is_dir(path / ".partial", DatasetError)
 
@@ -70,10 +67,7 @@ def is_dataset(path: Path) -> bool:
 def read(path: Path) -> tuple[tuple[FrameFile, ...], str]:
     """List a finished dataset's picture files, by frame, with the SHA-256 of its ``labels.parquet``.
 
-    Raises
-    ------
-    DatasetError
-        If the folder is not a dataset, or is unfinished, empty, or lacks a picture.
+    Raises `DatasetError` if the folder is not a dataset, or is unfinished, empty, or lacks a picture.
     """
     rows, _, digest = read_rows(path, FrameFile)
     check_files(path, rows)
@@ -99,10 +93,7 @@ def read_rows(path: Path, kind: type[T]) -> tuple[tuple[T, ...], pa.Schema, str]
 def read_labels(path: Path, columns: Sequence[str] | None = None) -> tuple[pa.Table, str]:
     """Read ``labels.parquet``, or some of its columns, with the SHA-256 of the file.
 
-    Raises
-    ------
-    DatasetError
-        If the folder is not a finished dataset, or the file cannot be read.
+    Raises `DatasetError` if the folder is not a finished dataset, or the file cannot be read.
     """
     file = path / LABELS
     if not is_file(file, DatasetError):
@@ -119,10 +110,7 @@ def read_labels(path: Path, columns: Sequence[str] | None = None) -> tuple[pa.Ta
 def converted(table: pa.Table, kind: type[T], path: Path) -> Iterator[T]:
     """Make rows of a type from the labels of a dataset in a folder, few at a time.
 
-    Raises
-    ------
-    DatasetError
-        If a row holds values that the type refuses.
+    Raises `DatasetError` if a row holds values that the type refuses.
     """
     for start in range(0, table.num_rows, _CONVERTED_TOGETHER):
         plain = parquet.rows(table.slice(start, _CONVERTED_TOGETHER), DatasetError, cannot(path / LABELS))
@@ -178,22 +166,13 @@ def _check_order(path: Path, rows: Sequence[PictureRow]) -> None:
 def picture(file: Path, row: PictureRow) -> NDArray[np.uint8]:
     """Decode the picture of a row after checking its SHA-256: RGB, uint8, shape (height, width, 3).
 
-    Raises
-    ------
-    DatasetError
-        If it cannot be read, or is not the labels' picture.
+    Raises `DatasetError` if it cannot be read, or is not the labels' picture.
     """
     return pictures.decode(content(file, row), file)
 
 
 def content(file: Path, row: PictureRow) -> bytes:
-    """Read a row's picture file.
-
-    Raises
-    ------
-    DatasetError
-        If it cannot be read, or is not the labels' picture.
-    """
+    """Read a row's picture file; raises `DatasetError` if it cannot be read, or is not the labels' picture."""
     return sound(read_bytes(file, DatasetError, most_bytes=pictures.MOST_BYTES), row, file)
 
 

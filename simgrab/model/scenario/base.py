@@ -62,10 +62,7 @@ class OfFile:
     def of(cls, path: str | Path, **keys: Any) -> Self:
         """Read the file; ``keys`` are the other fields.
 
-        Raises
-        ------
-        ScenarioError
-            If it cannot be read, or the keys do not fit.
+        Raises `ScenarioError` if it cannot be read, or the keys do not fit.
         """
         model = cls.reader.read(path, lambda problem: ScenarioError("file", problem))
         return cls(**{"file": model.name, "sha256": model.sha256, **keys})

@@ -63,10 +63,7 @@ def variant(
 
     A ``randomiser`` takes the drawn scenario, and returns further dotted keys with their values.
 
-    Raises
-    ------
-    ScenarioError
-        If the drawn values do not fit together. The message names the key.
+    Raises `ScenarioError` if the drawn values do not fit together. The message names the key.
     """
     if not scenario.vary and randomiser is None:
         return Variant(0, scenario, {})
@@ -280,9 +277,7 @@ def check_stated(data: Mapping[str, Any]) -> None:
 
     They are what the file lays over its base: a file without one states every key, also those that its factors replace.
 
-    Raises
-    ------
-    ScenarioError
+    Raises `ScenarioError`.
     """
     own = data.get("vary")
     for key, factor in own.items() if isinstance(own, Mapping) else ():

@@ -45,10 +45,7 @@ def open(path: str | Path, source: str | Path | None = None) -> Subject:
 def serving(subject: Subject, port: int = 0) -> Iterator[Address]:
     """Serve the page over a subject until the context is left; an export that is running then leaves nothing behind.
 
-    Raises
-    ------
-    ServerError
-        If the extra ``studio`` is not installed, or the port cannot be used.
+    Raises `ServerError` if the extra ``studio`` is not installed, or the port cannot be used.
     """
     local.check_installed()
     from simgrab.pages.browse.app import Browser

@@ -30,13 +30,7 @@ _FACTORS = ("weather", "place", "grab")
 
 
 def open(path: Path) -> Subject:
-    """Open a dataset to browse it.
-
-    Raises
-    ------
-    DatasetError
-        If it is none, or its labels cannot be read.
-    """
+    """Open a dataset to browse it; raises `DatasetError` if it is none, or its labels cannot be read."""
     if is_file(path / MANIFEST, DatasetError) and is_file(path / LABELS, DatasetError):
         labels, whole, notes = read(path)
         return _subject(labels, whole.least_visible_fraction, notes, whole)

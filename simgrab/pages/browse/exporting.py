@@ -45,10 +45,7 @@ class Exports:
     def start(self, rows: NDArray[np.int64], out: str, format: str) -> ExportState:
         """Begin an export of rows, shape (k,), into a new folder outside of what is browsed, in one of `FORMATS`.
 
-        Raises
-        ------
-        DatasetError
-            If one is running already, or this one is not possible.
+        Raises `DatasetError` if one is running already, or this one is not possible.
         """
         with self._lock:
             if self.state.status == "running":

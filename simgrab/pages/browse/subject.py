@@ -73,10 +73,7 @@ class Subject:
     def content(self, row: int) -> bytes:
         """Read a row's picture: a JPEG or PNG file, or another that OpenCV reads.
 
-        Raises
-        ------
-        SimgrabError
-            If it cannot be read, or does not have the digest that its labels state.
+        Raises `SimgrabError` if it cannot be read, or does not have the digest that its labels state.
         """
         if self.pictures is not None:
             return self.pictures(row)

@@ -37,10 +37,7 @@ class VideoPictures:
     def content(self, row: int) -> bytes:
         """Decode a row's picture, as JPEG.
 
-        Raises
-        ------
-        SimgrabError
-            If it cannot be read, or the video has none at that time.
+        Raises `SimgrabError` if it cannot be read, or the video has none at that time.
         """
         found = self._kept.get(row)
         if found is not None:

@@ -49,12 +49,7 @@ class Address:
 
 
 def check_installed() -> None:
-    """Refuse to go on where the extra is missing.
-
-    Raises
-    ------
-    ServerError
-    """
+    """Refuse to go on where the extra is missing; raises `ServerError`."""
     if any(importlib.util.find_spec(name) is None for name in _NEEDED):
         raise ServerError(f"{' and '.join(_NEEDED)} are not installed: pip install 'simgrab[studio]'")
 
@@ -63,10 +58,7 @@ def check_installed() -> None:
 def serving(app: ASGIApp, port: int = 0) -> Iterator[Address]:
     """Serve an application until the context is left. Port 0 is one that is free.
 
-    Raises
-    ------
-    ServerError
-        If the port cannot be used.
+    Raises `ServerError` if the port cannot be used.
     """
     import uvicorn
 

@@ -81,22 +81,14 @@ class Documents:
     def open(self, name: str) -> Scenario:
         """Read a scene: the one given at the start, a bundled one, or a file below the folder.
 
-        Raises
-        ------
-        ScenarioError
+        Raises `ScenarioError`.
         """
         if name == self.origin or name in scenes.names():
             return self._read(name)
         return self._read(self._below(name), within=self.root)
 
     def parse(self, data: Any) -> Scenario:
-        """Build the scenario that a page describes.
-
-        Raises
-        ------
-        ScenarioError
-            With the dotted key that does not fit.
-        """
+        """Build the scenario that a page describes; raises `ScenarioError` with the dotted key that does not fit."""
         if not isinstance(data, Mapping):
             raise ScenarioError("", "a scene is a table of keys and values")
         return scenes.of_data(data, self._model)
@@ -116,10 +108,7 @@ class Documents:
     def toml(self, scenario: Scenario, folder: Path | None = None) -> str:
         """Write a scene file, without what has its default, to lie in a folder: unless given, the first scene's.
 
-        Raises
-        ------
-        ScenarioError
-            If a file that it names is not known here.
+        Raises `ScenarioError` if a file that it names is not known here.
         """
         written = difference(Scenario().to_dict(), scenario.to_dict())
         if scenario.models:

@@ -46,12 +46,7 @@ class TrainingFrame:
         return labels.box(self.row) if self.labelled else None
 
     def picture(self) -> Picture:
-        """Decode the picture, RGB.
-
-        Raises
-        ------
-        DatasetError
-        """
+        """Decode the picture, RGB; raises `DatasetError`."""
         return picture(self.file, self.row)
 
 

@@ -66,10 +66,7 @@ class Real:
 
         Fewer frames are always among more: videos are taken in a random order, and in it the frames of each.
 
-        Raises
-        ------
-        TrainingError
-            If there are fewer.
+        Raises `TrainingError` if there are fewer.
         """
         if count > len(self.train):
             raise TrainingError(f"{count} real frames are asked for, and there are {len(self.train)} to learn from")
@@ -98,10 +95,8 @@ def digest(*some: Sequence[cache.BoxedFrame]) -> str:
 def read(also: Sequence[str | Path], held_out: Sequence[str | Path], grab_classes: Collection[str]) -> Real:
     """Read real frames: of ``also`` the split test is to judge by, and all of ``held_out``.
 
-    Raises
-    ------
-    DatasetError
-        If a dataset cannot be read, nothing is left to judge by, or a picture is both learned from and judged by.
+    Raises `DatasetError` if a dataset cannot be read, nothing is left to judge by, or a picture is both learned from
+    and judged by.
     """
     also, held_out = (list(dict.fromkeys(map(Path, paths))) for paths in (also, held_out))  # each counts once
     sets = boxed.read_all([*also, *held_out], grab_classes)

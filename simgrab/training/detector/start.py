@@ -74,10 +74,7 @@ def mix(path: Path, first: Path, share: float) -> None:
 
     The mean of both loses less of what was learned before (Wortsman et al. 2022).
 
-    Raises
-    ------
-    TrainingError
-        If the files are not of one architecture.
+    Raises `TrainingError` if the files are not of one architecture.
     """
     model = onnx.load_from_string(path.read_bytes())
     before = {

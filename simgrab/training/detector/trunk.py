@@ -119,10 +119,7 @@ class Trunk(nn.Module):
     def load(self) -> Trunk:
         """Take the weights that were learned on ImageNet.
 
-        Raises
-        ------
-        TrainingError
-            If the package that holds them is not installed.
+        Raises `TrainingError` if the package that holds them is not installed.
         """
         spec = find_spec(PACKAGE)
         if spec is None or spec.origin is None:

@@ -39,10 +39,7 @@ def gather(datasets: Sequence[Dataset], split: str, seed: int) -> Cells:
 
     Torn pictures and those without a display are left out.
 
-    Raises
-    ------
-    DatasetError
-        If no picture of the split shows a display, or one cannot be read.
+    Raises `DatasetError` if no picture of the split shows a display, or one cannot be read.
     """
     boxes: list[Picture] = []
     digits: list[int] = []

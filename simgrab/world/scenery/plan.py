@@ -158,10 +158,7 @@ def draw_up(scenario: Scenario, draws: Draws = FIRST, place: tuple[Part, ...] | 
 def replanned(plan: Plan, variant: Variant) -> Plan:
     """Plan the world of another variant, with the same parts or the same place where these do not change.
 
-    Raises
-    ------
-    ScenarioError
-        If the camera would be in the jib's steel.
+    Raises `ScenarioError` if the camera would be in the jib's steel.
     """
     old, new = plan.scenario, variant.scenario
     if plan.draws == variant.draws and old == new:

@@ -25,10 +25,7 @@ ROPE_WAVES = "simgrab.lab.sensors.waves:RopeWaves"
 def implementation(target: str, key: str) -> Any:
     """Import the implementation of a kind, for a key of the scenario.
 
-    Raises
-    ------
-    ScenarioError
-        If this installation lacks it. The message names the key.
+    Raises `ScenarioError` if this installation lacks it. The message names the key.
     """
     try:
         return pkgutil.resolve_name(target)

@@ -21,10 +21,7 @@ _AHEAD_S = (1e-6, 1.0)  # of the moment ahead, after this one
 def checked(moment: Moment, scenario: Scenario, frame: int) -> Moment:
     """Check a user's moment, and convert its numbers to Python's.
 
-    Raises
-    ------
-    TypeError, ValueError, AttributeError
-        If it is not a `Moment`, or a value in it is out of bounds.
+    Raises `TypeError`, `ValueError`, `AttributeError` if it is not a `Moment`, or a value in it is out of bounds.
     """
     if not isinstance(moment, Moment):
         raise TypeError(f"must return a Moment, got {type(moment).__name__}")

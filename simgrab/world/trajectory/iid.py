@@ -21,10 +21,7 @@ CLOSED = np.radians(2.0)  # jaws wider than this hold nothing
 def draw(scenario: Scenario, frame: int) -> Moment:
     """Draw one independent frame; every variable has its own stream, so frames can be made alone and in any order.
 
-    Raises
-    ------
-    ScenarioError
-        If an unbounded distribution draws an impossible value. The message names frame and key.
+    Raises `ScenarioError` if an unbounded distribution draws an impossible value. The message names frame and key.
     """
     swing = scenario.swing
     assert isinstance(swing, Iid)

@@ -34,10 +34,7 @@ class Trajectory:
     def at(self, frame: int) -> Moment:
         """Return one frame's moment.
 
-        Raises
-        ------
-        ScenarioError
-            If the frame is impossible. The message names frame and key.
+        Raises `ScenarioError` if the frame is impossible. The message names frame and key.
         """
         if self._extensions.trajectory is not None:
             return self._with_display(self._extensions.moment(self._scenario, frame))

@@ -111,10 +111,7 @@ def read_imu(folder: str | Path) -> ImuReadings:
     The body frame of ``T_BS`` must be the camera frame. Noise densities that the file does not state are taken to be
     those of a cheap sensor.
 
-    Raises
-    ------
-    RecordError
-        With one line that names the file and the row (the first is 1), column or key.
+    Raises `RecordError` with one line that names the file and the row (the first is 1), column or key.
     """
     about, where = Path(folder) / "sensor.yaml", Path(folder) / "data.csv"
     data, pose = read_description(about, "imu")
@@ -172,10 +169,7 @@ def numbers(path: Path, table: pa.Table, name: str) -> Array:
 def read_description(path: Path, kind: str) -> tuple[dict[str, Any], Array]:
     """Read a ``sensor.yaml`` of a kind of sensor, such as ``"imu"``; returns it, and its pose T_BS (4, 4).
 
-    Raises
-    ------
-    RecordError
-        With one line that names the file and the problem.
+    Raises `RecordError` with one line that names the file and the problem.
     """
     data = read_yaml(path, RecordError, "sensor description", most_bytes=MOST_YAML_BYTES)
     if not isinstance(data, dict) or not isinstance(data.get("T_BS"), dict):

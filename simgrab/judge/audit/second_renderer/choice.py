@@ -37,10 +37,7 @@ def open_second_renderer() -> Iterator[tuple[SecondRenderer, str]]:
 
     With it comes a note: its name, and why a preferred renderer that is installed was not used.
 
-    Raises
-    ------
-    RendererError
-        If none is installed, or none works, with what to install.
+    Raises `RendererError` if none is installed, or none works, with what to install.
     """
     problems = []
     for kind in RENDERERS:

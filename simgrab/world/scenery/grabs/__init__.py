@@ -30,10 +30,7 @@ _ANY = GrabAppearance()
 def design_of(grab: Grab) -> Design:
     """Return the design of a scenario's grab. Grabs that differ in appearance alone share it, and its meshes.
 
-    Raises
-    ------
-    ScenarioError
-        If the family's module is not installed, or a user's own grab cannot be read.
+    Raises `ScenarioError` if the family's module is not installed, or a user's own grab cannot be read.
     """
     shared = {name: getattr(_ANY, name) for name in GrabAppearance.__struct_fields__}
     return _design(msgspec.structs.replace(grab, **shared))

@@ -105,10 +105,7 @@ class ImportedModel:
 def from_file(keys: Mesh) -> Design:
     """Return the design of a user's own grab.
 
-    Raises
-    ------
-    ScenarioError
-        If the file is invalid, cannot be a grab, or lacks a node.
+    Raises `ScenarioError` if the file is invalid, cannot be a grab, or lacks a node.
     """
     return design(keys, read(keys, models.recall(keys.sha256, keys.file, _refuse)))
 
@@ -262,13 +259,7 @@ def _point(vector: Array) -> tuple[float, float, float]:
 
 
 def read(keys: Mesh, model: ModelFile) -> ImportedModel:
-    """Read a model as keys turn and scale it.
-
-    Raises
-    ------
-    ScenarioError
-        If it cannot be read, or cannot be a grab.
-    """
+    """Read a model as keys turn and scale it; raises `ScenarioError` if it cannot be read, or cannot be a grab."""
     contents = _contents(model)
     turn = np.eye(4)
     up = usual_up(model) if keys.up == "auto" else keys.up

@@ -48,13 +48,7 @@ class SliderCrank(_Pins):
         return float(np.hypot(*self._span(0.0)))
 
     def at(self, jaw: float) -> LinkageState:
-        """Solve for an opening of the jaw, rad.
-
-        Raises
-        ------
-        ValueError
-            If the arm is too short for this opening.
-        """
+        """Solve for an opening of the jaw, rad; raises `ValueError` if the arm is too short for this opening."""
         x, z = self.jaw_pin
         reach, (x0, z0) = self._span(jaw)[0], self._span(0.0)
         if abs(reach) > self.arm_m:
