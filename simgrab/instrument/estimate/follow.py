@@ -35,45 +35,28 @@ LEAST_OFFSET_SD_M = 0.05  # with which a stated offset is tested: a stronger pri
 
 
 class Known(Checked, frozen=True):
-    """The result of a calibration that later frames need; ``tilt.toml`` of a run.
-
-    Attributes
-    ----------
-    estimator : str
-        Estimator that found the tilt.
-    frames : int
-        Number of frames used.
-    beta_deg, tilt_azimuth_deg : float
-    offset_m : tuple of 3 floats, or None
-        Camera centre minus rope exit; None if the estimator ignores it, and takes the camera to be at the rope exit.
-    covariance : list of lists
-        As `simgrab.model.records.estimates.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², widened so that normal
-        quantiles apply.
-    weak_prior_offset_m : tuple of 3 floats, or None
-        ``offset_m`` with the prior that tests it; None if its own prior does.
-    roll_deg : float
-        The camera's roll that azimuth and offsets were estimated with.
-    radius_m : float or None
-        Radius of the rope exit at which the tilt is as stated, of a camera that pitches with the jib.
-    pitch_deg_per_m : tuple of 2 floats
-        What a metre more of radius adds to (β cos azimuth, β sin azimuth).
-    pitch_sd_deg_per_m : float
-        Its standard deviation.
-    """
+    """The result of a calibration that later frames need; ``tilt.toml`` of a run."""
 
     error = CalibrationError
 
-    estimator: str
-    frames: Annotated[int, Meta(ge=1, le=2**53)]
+    estimator: str  # estimator that found the tilt
+    frames: Annotated[int, Meta(ge=1, le=2**53)]  # number of frames used
     beta_deg: Annotated[float, Meta(ge=0, lt=90)]
     tilt_azimuth_deg: Annotated[float, Meta(ge=-360, le=360)]
+    # camera centre minus rope exit; None if the estimator ignores it, and takes the camera to be at the rope exit
     offset_m: tuple[Metres, Metres, Metres] | None
+    # as `simgrab.model.records.estimates.Intervals.tilt`, (2, 2) or (4, 4), rad² and m², widened so that normal
+    # quantiles apply
     covariance: tuple[tuple[Entry, ...], ...]
+    # `offset_m` with the prior that tests it; None if its own prior does
     weak_prior_offset_m: tuple[Metres, Metres, Metres] | None = None
+    # the camera's roll that azimuth and offsets were estimated with
     roll_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
+    # radius of the rope exit at which the tilt is as stated, of a camera that pitches with the jib
     radius_m: Annotated[float, Meta(ge=0, le=200)] | None = None
+    # what a metre more of radius adds to (β cos azimuth, β sin azimuth)
     pitch_deg_per_m: tuple[Pitch, Pitch] = (0.0, 0.0)
-    pitch_sd_deg_per_m: Annotated[float, Meta(ge=0, le=20)] = 0.0
+    pitch_sd_deg_per_m: Annotated[float, Meta(ge=0, le=20)] = 0.0  # its standard deviation
 
     def check(self) -> None:  # noqa: D102
         shape = np.shape(self.covariance)

@@ -35,35 +35,20 @@ SWAY = (sum(SWAY_S) / 2 - 2 / sum(1 / t for t in SWAY_S)) ** -0.5
 
 @dataclass(frozen=True, eq=False)
 class JibMotion:
-    """Motion of O over the ground in a level frame that does not turn, and the jib's heading in it.
+    """Motion of O over the ground in a level frame that does not turn, and the jib's heading in it."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (m,)
-        A grid.
-    course : ndarray, shape (m, 6)
-        Heading, rad; radius minus its mean, m; velocity of O, m/s (2); lean of the camera that a sensor reports, rad
-        (2, jib frame).
-    drifts : tuple of tuples of 2 floats
-        Of each kind of error of the direction of sight the noise that drives it, rad/√s per axis, and the time after
-        which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first. With a
-        controller the first two, of one noise and over ``unsure``, are errors of O's velocity and so of the lean.
-    controller : Controller or None
-        What reports the hoisted mass.
-    wind_m_s : float
-        Mean wind, m/s; 0 where it is not known.
-    radius_m : float
-        Mean radius; 0 where none is reported.
-    unsure : ndarray, shape (m,), or None
-        Standard deviation of apparent gravity per axis, from errors of the controller's readings, rad.
-    """
-
-    time: Array
+    time: Array  # (m,), a grid
+    # (m, 6), heading, rad; radius minus its mean, m; velocity of O, m/s (2); lean of the camera that a sensor
+    # reports, rad (2, jib frame)
     course: Array
+    # Of each kind of error of the direction of sight the noise that drives it, rad/√s per axis, and the time after
+    # which it is forgotten, s: inf for that of the sensor's lean, which is a random walk and the first. With a
+    # controller the first two, of one noise and over `unsure`, are errors of O's velocity and so of the lean.
     drifts: tuple[tuple[float, float], ...] = ()
-    controller: Controller | None = None
-    wind_m_s: float = 0.0
-    radius_m: float = 0.0
+    controller: Controller | None = None  # what reports the hoisted mass
+    wind_m_s: float = 0.0  # mean wind, m/s; 0 where it is not known
+    radius_m: float = 0.0  # mean radius; 0 where none is reported
+    # (m,), standard deviation of apparent gravity per axis, from errors of the controller's readings, rad
     unsure: Array | None = None
 
     @classmethod

@@ -17,12 +17,7 @@ _LARGE_BYTES = 100_000
 
 
 class LruCache:
-    """Bytes by row, those used last, of a limited size together.
-
-    Parameters
-    ----------
-    most_bytes : int
-    """
+    """Bytes by row, those used last, of a limited size together."""
 
     def __init__(self, most_bytes: int = MOST_KEPT_BYTES) -> None:
         self._most, self.size_bytes = most_bytes, 0
