@@ -314,8 +314,8 @@ class PendulumSmoother(Estimator):
 def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: PendulumPriors) -> PendulumFit:
     """Fit from the clock that fits best after a few steps: from a second off, the true one may not be reached.
 
-    If another fits about alike by then, the more likely of their two fits counts. One that ends at a bound comes last: by
-    it pictures have no noise, as forces follow each pixel, or the grab hangs as much shorter as it may.
+    If another fits about alike by then, the more likely of their two fits counts. One that ends at a bound comes last:
+    there pictures have no noise, as forces follow each pixel, or the equivalent pendulum is too short or too long.
     """
     reach = 2 * float(priors.sd[CLOCK])
     steps = int(reach / CLOCK_STEP_S)
