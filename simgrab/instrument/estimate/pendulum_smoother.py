@@ -319,7 +319,7 @@ def _on_time(nodes: Nodes, path: Array, start: Array, strengths: Array, priors: 
     """
     reach = 2 * float(priors.sd[CLOCK])
     steps = int(reach / CLOCK_STEP_S)
-    if not priors.jib.moves:
+    if priors.jib.sensed or not priors.jib.moves:
         return fit(nodes, path, start, strengths, priors)
     delays = np.outer(np.arange(-steps, steps + 1) * (reach / max(steps, 1)), np.arange(len(start)) == CLOCK)
     tried = [fit(nodes, path, start + delay, strengths, priors, 0, rounds=CLOCK_ROUNDS) for delay in delays]
